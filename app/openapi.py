@@ -12,6 +12,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from app.http.file_formats import FORMATS
 from app.http.problems import Problem, problem_responses
 from app.http.rate_limit import UNCOUNTED_PATHS
 from app.meals.upload.after_schemas import AfterMetadataIn
@@ -36,15 +37,7 @@ OF_ANY, NOT_NOW = 500, 503
 UNKNOWN_CALLER = 401
 OK, CONFLICT, FIRST_ERROR = 200, 409, 400
 PART, NO_SUCH_PART = "206", 416
-FILE_TYPES = frozenset(
-    {
-        "text/csv",
-        "application/x-ndjson",
-        "application/vnd.apache.parquet",
-        "application/geo+json",
-        "application/zip",
-    }
-)
+FILE_TYPES = frozenset(["application/zip", *(form.content_type for form in FORMATS.values())])
 # pydantic's names of limits of types with a validator before them, which JSON Schema does not know
 LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
 COUNTED_AT_401 = frozenset(

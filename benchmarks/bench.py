@@ -33,7 +33,7 @@ from app.exports.export_file import request_of
 from app.exports.export_spec import ExportSpec
 from app.exports.file_task import FileTasks
 from app.exports.lists.list_records import list_records
-from app.http.media_types import Output
+from app.http.file_formats import Output
 from app.http.row_filter import RowFilter
 from app.people.access.caller import StaffCaller
 from benchmarks import api, pipeline, precheck

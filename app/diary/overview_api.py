@@ -20,8 +20,8 @@ from app.diary.overview_schemas import (
     PlaceOut,
 )
 from app.diary.study_overview import note_overview_export, study_overview
-from app.http.flat_rows import encode_flat, flat_paths
-from app.http.media_types import MEDIA_TYPES, attachment
+from app.http.file_formats import FORMATS, attachment
+from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
 from app.http.model_response import ModelResponse
 from app.http.parameters import FirstDay, LastDay, StudyCode
 from app.http.problems import problem_responses
@@ -73,7 +73,7 @@ def get_overview(
     first_day: FirstDay = None,
     last_day: LastDay = None,
     output: Annotated[
-        Literal["json", "csv", "ndjson"],
+        Literal["json", FlatFormat],
         Query(alias="format", description="csv, ndjson: one table, which `part` names, as a file."),
     ] = "json",
     part: Annotated[
@@ -93,7 +93,7 @@ def get_overview(
     note_overview_export(state.database, staff, study, part, output)
     headers = attachment(output, study, f"overview-{part}", overview.first_day, overview.last_day)
     content = b"".join(encode_flat(output, flat_paths(ROWS[part]), rows_of(overview, part)))
-    return Response(content, media_type=MEDIA_TYPES[output], headers=headers)
+    return Response(content, media_type=FORMATS[output].media_type, headers=headers)
 
 
 def rows_of(overview: OverviewOut, part: Part) -> list[dict[str, JsonValue]]:

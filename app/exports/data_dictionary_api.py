@@ -11,7 +11,7 @@ from app.exports.export_files import ComponentsIn, LayoutIn, ProvenanceIn
 from app.exports.export_spec import ExportSpec, Rows
 from app.exports.table_columns import key_of
 from app.http.columns.dictionary import DICTIONARY_COLUMNS, dictionary_csv, entries, table_schema
-from app.http.media_types import MEDIA_TYPES
+from app.http.file_formats import FORMATS
 from app.http.model_response import ModelResponse
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
@@ -59,7 +59,9 @@ def get_data_dictionary(
     dictionary = entries(columns)
     if output == "csv":
         headers = {"Content-Disposition": f'attachment; filename="data-dictionary-{rows}.csv"'}
-        return Response(dictionary_csv(dictionary), media_type=MEDIA_TYPES["csv"], headers=headers)
+        return Response(
+            dictionary_csv(dictionary), media_type=FORMATS["csv"].media_type, headers=headers
+        )
     names = [column.name for column in DICTIONARY_COLUMNS]
     body = DataDictionary(
         rows=rows,

@@ -11,7 +11,7 @@ from app.exports.export_file import make_export
 from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.http.closing_stream import ClosingStream
-from app.http.media_types import MEDIA_TYPES
+from app.http.file_formats import FORMATS, OF_PLACES, Output
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
@@ -21,13 +21,15 @@ from app.meals.stored.record_models import RecordStatus
 from app.people.access.caller import Caller
 
 FILES: dict[str, object] = {
-    media_type.split(";")[0]: {"schema": {"type": "string"}}
-    for output, media_type in MEDIA_TYPES.items()
-    if output != "geojson"
+    form.content_type: {"schema": {"type": "string"}}
+    for form in FORMATS.values()
+    if not form.is_places
 }
-FILES_WITH_PLACES = FILES | {MEDIA_TYPES["geojson"]: {"schema": {"type": "object"}}}
+FILES_WITH_PLACES = FILES | {
+    FORMATS[output].content_type: {"schema": {"type": "object"}} for output in OF_PLACES
+}
 Format = Annotated[
-    Literal["json", "csv", "ndjson", "parquet", "geojson"] | None,
+    Literal["json", Output] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
 ]
 LayoutIn = Annotated[Layout, Query(description="Of files. long: a row a component.")]
@@ -144,8 +146,8 @@ def file_spec(
     Raises InvalidInputError (`export_not_offered`) for pages in another layout.
     """
     accept = request.headers.get("accept", "")
-    for name, media_type in MEDIA_TYPES.items():
-        if output == name or (output is None and accept.startswith(media_type.split(";")[0])):
+    for name, form in FORMATS.items():
+        if output == name or (output is None and form.is_accepted(accept)):
             return ExportSpec(rows, layout, name, components, filters, provenance)
     if layout != "wide" or components != "headline":
         raise InvalidInputError(
@@ -163,5 +165,5 @@ def answer_file(state: ApiState, caller: Caller, spec: ExportSpec) -> ClosingStr
         "Content-Disposition": f'attachment; filename="{spec.file_name}"',
         "Content-Length": str(file.length),
     }
-    media_type = MEDIA_TYPES[spec.output]
+    media_type = FORMATS[spec.output].media_type
     return ClosingStream(file.pieces, file.close, media_type=media_type, headers=headers)

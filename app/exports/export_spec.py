@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from pydantic import JsonValue, TypeAdapter
 
 from app.core.errors import InvalidInputError
-from app.http.media_types import Output, file_name
+from app.http.file_formats import FORMATS, Output, file_name
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
 
@@ -37,6 +37,7 @@ FILTERS: Mapping[Rows, tuple[str, ...]] = {  # a table's filters: those of its J
     "participants": ("study_code", "participant_code"),
 }
 WITHOUT_COMPONENTS: tuple[Rows, ...] = ("photographs", "participants")
+AT_PLACES: tuple[Rows, ...] = ("items", "meals")  # tables of what was eaten at a place
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,12 @@ class ExportSpec:
 SPEC = TypeAdapter(ExportSpec)
 
 
+def formats_of(rows: Rows, layout: Layout = "wide") -> tuple[Output, ...]:
+    """The formats in which a table is offered."""
+    has_places = rows in AT_PLACES and layout == "wide"
+    return tuple(output for output, form in FORMATS.items() if has_places or not form.is_places)
+
+
 def check_spec(spec: ExportSpec) -> None:
     """Raise InvalidInputError: `export_not_offered` for options that the table does not have, `days_reversed`."""
     for name, value, offered in (
@@ -73,8 +80,9 @@ def check_spec(spec: ExportSpec) -> None:
     ):
         if value not in get_args(offered):
             raise _not_offered(f"There is no {name} {value!r}, but {', '.join(get_args(offered))}.")
-    if spec.output == "geojson" and (spec.rows not in ("items", "meals") or spec.layout == "long"):
-        raise _not_offered("GeoJSON has one feature per item or meal, in the wide layout only.")
+    if spec.output not in formats_of(spec.rows, spec.layout):
+        title = FORMATS[spec.output].title
+        raise _not_offered(f"{title} has one feature per item or meal, in the wide layout only.")
     if spec.rows in WITHOUT_COMPONENTS and (spec.layout == "long" or spec.components == "all"):
         raise _not_offered(f"{spec.rows.capitalize()} have no components: use the wide layout.")
     others = [name for name in spec.filters.set_names if name not in FILTERS[spec.rows]]

@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from app.exports.file_work_queries import WorkKey, begin_again, find_work, page_of_works
 from app.exports.models import UNDER_WAY, Export
+from app.http.file_formats import OF_PLACES
 from app.http.row_filter import RowFilter
 from app.meals.stored.models import Meal, MealImage
 from app.people import privacy_queries as privacy
@@ -197,7 +198,7 @@ def take_back_places(session: Session, study_id: uuid.UUID) -> int:
         [
             export
             for export in exports
-            if export.spec["rows"] == "meals" or export.spec["output"] == "geojson"
+            if export.spec["rows"] == "meals" or export.spec["output"] in OF_PLACES
         ],
     )
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.exports.models import ExportState
 from app.http.field_descriptions import NEXT, PAGE
-from app.http.media_types import Output
+from app.http.file_formats import Output
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay, Text
 from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus

@@ -18,6 +18,7 @@ from app.http.columns.meal_columns import MEAL_COLUMNS, MEAL_PROVENANCE, OF_LONG
 from app.http.columns.participant_columns import PARTICIPANT_COLUMNS
 from app.http.columns.photograph_columns import PHOTOGRAPH_COLUMNS
 from app.http.columns.record_columns import OF_LONG_RECORD, PROVENANCE_COLUMNS, RECORD_COLUMNS
+from app.http.file_formats import OF_PLACES
 
 KEYS: Mapping[Rows, tuple[str, ...]] = {  # columns that identify a row
     "items": ("id",),
@@ -55,7 +56,7 @@ def columns_of(spec: ExportSpec, of_foods: Sequence[ComponentColumn]) -> tuple[C
     columns = WIDE_COLUMNS[spec.rows]
     if spec.provenance:
         columns += PROVENANCE.get(spec.rows, ())
-    if spec.rows == "meals" and spec.output != "geojson":  # which has the place as the geometry
+    if spec.rows == "meals" and spec.output not in OF_PLACES:  # their geometry is the place
         columns += PLACE
     if spec.components == "headline":
         return columns

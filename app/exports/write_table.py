@@ -9,15 +9,9 @@ from app.exports.live_tables import quoted
 from app.exports.table_selects import TableSelect
 from app.http.columns.column import Column
 from app.http.csv_cells import FORMULA_STARTS
-from app.http.media_types import Output
+from app.http.file_formats import FORMATS, OF_PLACES, Output
 
 GEOJSON_HEAD, GEOJSON_TAIL = b'{"type":"FeatureCollection","features":', b"}\n"
-OPTIONS: dict[Output, str] = {
-    "csv": "FORMAT csv, HEADER, NEW_LINE '\\r\\n'",
-    "ndjson": "FORMAT json",
-    "parquet": "FORMAT parquet, COMPRESSION zstd",
-    "geojson": "FORMAT json, ARRAY true",
-}
 INSTANT, LOCAL_TIME = "%Y-%m-%dT%H:%M:%S.%fZ", "%Y-%m-%dT%H:%M:%S.%f"
 
 
@@ -25,8 +19,8 @@ def write_table(
     connection: duckdb.DuckDBPyConnection, table: TableSelect, output: Output, path: Path
 ) -> int:
     """Write the rows in their order; return their number. The same rows give the same bytes."""
-    if output == "geojson":
-        return _write_geojson(connection, table, path)
+    if output in OF_PLACES:
+        return _write_geojson(connection, table, output, path)
     return _copy(connection, table, _cells(table.columns, output), output, path)
 
 
@@ -38,12 +32,14 @@ def _copy(
     path: Path,
 ) -> int:
     select = f"SELECT {cells} FROM ({table.sql}) ORDER BY {table.order}"
-    copy = f"COPY ({select}) TO {quoted(str(path))} ({OPTIONS[output]})"
+    copy = f"COPY ({select}) TO {quoted(str(path))} ({FORMATS[output].copy_options})"
     (count,) = connection.execute(copy).fetchall()[0]
     return int(count)
 
 
-def _write_geojson(connection: duckdb.DuckDBPyConnection, table: TableSelect, path: Path) -> int:
+def _write_geojson(
+    connection: duckdb.DuckDBPyConnection, table: TableSelect, output: Output, path: Path
+) -> int:
     """One FeatureCollection (RFC 7946): a feature a row, without a place where none is known."""
     key = table.columns[0].name
     point = "{type: 'Point', coordinates: [longitude, latitude]}"
@@ -55,7 +51,7 @@ def _write_geojson(connection: duckdb.DuckDBPyConnection, table: TableSelect, pa
     )
     features = path.with_suffix(".features")
     try:
-        count = _copy(connection, table, cells, "geojson", features)
+        count = _copy(connection, table, cells, output, features)
         with path.open("wb") as file, features.open("rb") as listed:
             file.write(GEOJSON_HEAD)
             shutil.copyfileobj(listed, file)
@@ -66,11 +62,11 @@ def _write_geojson(connection: duckdb.DuckDBPyConnection, table: TableSelect, pa
 
 
 def _cells(columns: tuple[Column, ...], output: Output) -> str:
-    cell = {"csv": _csv_cell, "ndjson": _json_value, "parquet": _parquet_value}[output]
+    cell = {"text": _text, "json": _json_value, "typed": _typed}[FORMATS[output].cells]
     return ", ".join(f'{cell(column)} AS "{column.name}"' for column in columns)
 
 
-def _csv_cell(column: Column) -> str:
+def _text(column: Column) -> str:
     name = f'"{column.name}"'
     match column.type:
         case "word":
@@ -109,7 +105,7 @@ def _number(name: str) -> str:
     return f"{name}::DOUBLE + 0.0"
 
 
-def _parquet_value(column: Column) -> str:
+def _typed(column: Column) -> str:
     name = f'"{column.name}"'
     match column.type:
         case "number":

@@ -19,13 +19,13 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
+from app.http.file_formats import FORMATS, attachment
 from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.media_types import MEDIA_TYPES, attachment
 
 MOST_ROWS = 50_000
 LIST_FIELDS = ("items", "groups")
-FORMATS: tuple[FlatFormat, ...] = ("csv", "ndjson")
-FILES = {MEDIA_TYPES[output].split(";")[0]: {"schema": {"type": "string"}} for output in FORMATS}
+FLAT_FORMATS: tuple[FlatFormat, ...] = typing.get_args(FlatFormat)
+FILES = {FORMATS[output].content_type: {"schema": {"type": "string"}} for output in FLAT_FORMATS}
 
 Endpoint = Callable[..., Any]
 
@@ -33,7 +33,7 @@ Endpoint = Callable[..., Any]
 def negotiated_format(
     request: Request,
     output: Annotated[
-        Literal["json", "csv", "ndjson"] | None,
+        Literal["json", FlatFormat] | None,
         Query(
             alias="format",
             description="csv, ndjson: the whole list. Default: by the Accept header, else json.",
@@ -42,10 +42,8 @@ def negotiated_format(
 ) -> FlatFormat | None:
     """The file that is asked for, by the parameter or else by the header; None: JSON."""
     accept = request.headers.get("accept", "")
-    for name in FORMATS:
-        if output == name or (
-            output is None and accept.startswith(MEDIA_TYPES[name].split(";")[0])
-        ):
+    for name in FLAT_FORMATS:
+        if output == name or (output is None and FORMATS[name].is_accepted(accept)):
             return name
     return None
 
@@ -78,7 +76,7 @@ class ListRoute(APIRoute):
             days = (arguments.get("first_day"), arguments.get("last_day"))
             return Response(
                 b"".join(encode_flat(file_format, flat_paths(row, rows), rows)),
-                media_type=MEDIA_TYPES[file_format],
+                media_type=FORMATS[file_format].media_type,
                 headers=attachment(file_format, arguments.get("study"), name, *days),
             )
 

@@ -13,14 +13,15 @@ from fastapi.responses import Response
 from app.core.errors import RangeNotSatisfiableError
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
-from app.http.media_types import MEDIA_TYPES as ROWS
+from app.http.file_formats import FORMATS, JSON
 from app.http.stored_file import StoredFile
 from app.storage.blob_store import BlobStore
 
 RANGE = re.compile(r"bytes=(\d{0,19})-(\d{0,19})")
-MEDIA_TYPES: Mapping[str, str] = {str(name): media_type for name, media_type in ROWS.items()} | {
-    "json": "application/json"
-}  # by the name's end
+MEDIA_TYPES: Mapping[str, str] = {  # by the name's end
+    "json": JSON,
+    **{suffix: form.media_type for suffix, form in FORMATS.items()},
+}
 PART, UNCHANGED = 206, 304
 
 

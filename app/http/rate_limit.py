@@ -23,6 +23,7 @@ from starlette.types import Scope
 
 from app.core.errors import RateLimitedError
 from app.core.settings import Settings
+from app.http.file_formats import FORMATS
 
 CallClass = Literal["upload", "export", "call"]
 CallerKind = Literal["address", "device", "staff"]
@@ -34,12 +35,7 @@ UPLOAD_PATHS = re.compile(
 )
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
-EXPORT_TYPES = (  # in Accept
-    b"text/csv",
-    b"application/x-ndjson",
-    b"application/vnd.apache.parquet",
-    b"application/geo+json",
-)
+EXPORT_TYPES = tuple(form.content_type.encode() for form in FORMATS.values())  # in Accept
 UNCOUNTED_PATHS = frozenset(
     {"/healthz", "/readyz", "/metrics"}
 )  # asked by machines of the people who run the server

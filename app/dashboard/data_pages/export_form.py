@@ -11,8 +11,16 @@ from starlette.datastructures import ImmutableMultiDict
 from app.core.errors import InvalidInputError
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.refusals import sentence
-from app.exports.export_spec import FILTERS, WITHOUT_COMPONENTS, ExportSpec, Rows, check_spec
+from app.exports.export_spec import (
+    FILTERS,
+    WITHOUT_COMPONENTS,
+    ExportSpec,
+    Rows,
+    check_spec,
+    formats_of,
+)
 from app.exports.schemas import ExportIn
+from app.http.file_formats import FORMATS, Output
 from app.http.row_filter import WIRE_NAMES
 from app.meals.stored.models import AfterStatus, MealStatus
 from app.meals.stored.record_models import RecordStatus
@@ -37,13 +45,6 @@ STATUSES: Mapping[str, Sequence[str]] = {
     "participants": (),
 }
 OPTIONS: Mapping[str, Sequence[str]] = {"flag": tuple(FLAGS), "after_status": get_args(AfterStatus)}
-FORMATS: Mapping[str, Sequence[str]] = {
-    "items": ("csv", "parquet", "ndjson", "geojson"),
-    "meals": ("csv", "parquet", "ndjson", "geojson"),
-    "days": ("csv", "parquet", "ndjson"),
-    "photographs": ("csv", "parquet", "ndjson"),
-    "participants": ("csv", "parquet", "ndjson"),
-}
 
 Values = Mapping[str, Sequence[str]]
 
@@ -72,9 +73,13 @@ class Choice:
         return STATUSES[self.rows]
 
     @property
-    def formats(self) -> Sequence[str]:
-        """The formats in which the table is offered."""
-        return FORMATS[self.rows]
+    def formats(self) -> Mapping[Output, str]:
+        """The formats in which the table is offered, and how a form names each."""
+        offered = {output: FORMATS[output] for output in formats_of(_rows(self.rows))}
+        return {
+            output: f"{form.title}: {form.hint}" if form.hint else form.title
+            for output, form in offered.items()
+        }
 
     def query(self, **changes: str) -> str:
         """Encode the choice as an address's query, with changes."""
@@ -131,7 +136,7 @@ def _offered(values: Values) -> Values:
         "rows": [rows],
         "status": [status for status in kept["status"] if status in STATUSES[rows]],
     }
-    if values["format"][0] not in FORMATS[rows]:
+    if values["format"][0] not in formats_of(rows):
         kept["format"] = ["csv"]
     if rows in WITHOUT_COMPONENTS:
         kept |= {"layout": ["wide"], "components": ["headline"]}

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pydantic import BaseModel
 from starlette.responses import Response
 
+from app.http.file_formats import FORMATS
 from app.http.flat_rows import encode_flat, flat_paths
-from app.http.media_types import MEDIA_TYPES
 
 
 def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:
@@ -16,6 +16,6 @@ def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Re
     safe_name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     return Response(
         b"".join(encode_flat("csv", flat_paths(model, records), records)),
-        media_type=MEDIA_TYPES["csv"],
+        media_type=FORMATS["csv"].media_type,
         headers={"Content-Disposition": f'attachment; filename="{safe_name}.csv"'},
     )

@@ -24,6 +24,7 @@ from app.diary.study_overview import (
     study_overview,
     study_waiting,
 )
+from app.http.flat_rows import FlatFormat
 from app.http.text_schemas import LocalDay
 from app.meals.stored.models import MealStatus
 from app.nutrition.components import HEADLINES
@@ -102,7 +103,7 @@ def get_overview_file(
     study: str,
     first: FirstDay = None,
     last: LastDay = None,
-    output: Annotated[Literal["json", "csv", "ndjson"], Query(alias="format")] = "json",
+    output: Annotated[Literal["json", FlatFormat], Query(alias="format")] = "json",
     part: Part | None = None,
 ) -> Response:
     """The page's figures as the API returns them, or one of their tables as a file."""

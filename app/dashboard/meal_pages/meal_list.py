@@ -18,7 +18,7 @@ from app.dashboard.meal_pages.meal_filters import Filters, MealFilters, View
 from app.dashboard.meal_pages.meal_list_views import FAILURES, ListedMeal, element_of, listed_meal
 from app.dashboard.page import CurrentPage, Page
 from app.exports.export_files import answer_file
-from app.exports.export_spec import ExportSpec, Rows
+from app.exports.export_spec import ExportSpec, formats_of
 from app.exports.lists.list_meals import (
     MOST_WATCHED,
     changed_meals,
@@ -28,7 +28,7 @@ from app.exports.lists.list_meals import (
     missing_meals,
 )
 from app.foods.foods import food_names
-from app.http.media_types import Output
+from app.http.file_formats import FORMATS, Output
 from app.http.paging import Cursor
 from app.meals.stored.models import AfterStatus, MealStatus
 from app.people.access.page_rules import PREFIX
@@ -37,17 +37,7 @@ router = APIRouter(include_in_schema=False)
 
 MEALS = PREFIX + "/studies/{study}/meals"
 MEALS_A_PAGE = {"gallery": 24, "table": 100}
-FILES: dict[Rows, tuple[Output, ...]] = {
-    "meals": ("csv", "ndjson", "parquet", "geojson"),
-    "items": ("csv", "ndjson", "parquet", "geojson"),
-    "photographs": ("csv", "ndjson", "parquet"),
-}
-NAMES: dict[Output, str] = {
-    "csv": "CSV",
-    "ndjson": "NDJSON",
-    "parquet": "Parquet",
-    "geojson": "GeoJSON",
-}
+FileRows = Literal["meals", "items", "photographs"]
 FILE_PARAMETERS = {
     "order": None,
     "view": None,
@@ -66,7 +56,7 @@ def get_meals(
     page: CurrentPage,
     chosen: Filters,
     cursor: Cursor = None,
-    rows: Literal["meals", "items", "photographs"] = "meals",
+    rows: FileRows = "meals",
     output: Annotated[Output | None, Query(alias="format")] = None,
 ) -> Response:
     """The page; with `format` all matching rows as a file, the oldest first."""
@@ -169,11 +159,14 @@ def _render(
             (
                 rows,
                 [
-                    (NAMES[output], page.address(**FILE_PARAMETERS, rows=rows, format=output))
-                    for output in outputs
+                    (
+                        FORMATS[output].title,
+                        page.address(**FILE_PARAMETERS, rows=rows, format=output),
+                    )
+                    for output in formats_of(rows)
                 ],
             )
-            for rows, outputs in FILES.items()
+            for rows in get_args(FileRows)
             if chosen.reaches(rows) and chosen.wrong_days is None
         ],
     )

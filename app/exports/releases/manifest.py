@@ -17,7 +17,7 @@ from app.exports.releases.queries import ReleaseRow
 from app.exports.releases.tables import FORMER_MANIFEST, KEYS, MANIFEST
 from app.http.columns.column import Column
 from app.http.columns.dictionary import table_schema
-from app.http.media_types import MEDIA_TYPES, Output
+from app.http.file_formats import FORMATS, Output
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 
 FACTS = "tada"  # the member of datapackage.json that is ours
@@ -140,7 +140,7 @@ def _resource(file: MadeFile, tables: Mapping[str, Sequence[Column]]) -> dict[st
         "name": stem if output == "parquet" else f"{stem}-csv",
         "path": file.name,
         "format": output,
-        "mediatype": MEDIA_TYPES[output].split(";")[0],
+        "mediatype": FORMATS[output].content_type,
         "bytes": file.bytes,
         "hash": f"sha256:{file.sha256}",
     }

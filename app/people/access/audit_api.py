@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
 
+from app.http.file_formats import FORMATS, attachment
 from app.http.flat_list import FILES, negotiated_format
 from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
-from app.http.media_types import MEDIA_TYPES, attachment
 from app.http.model_response import ModelResponse
 from app.http.paging import Limit, next_page
 from app.http.parameters import StudyCode
@@ -35,7 +35,7 @@ Cursor = Annotated[
     str | None, Query(max_length=300, description="From the previous page: follow `next`.")
 ]
 Output = Annotated[
-    Literal["json", "csv", "ndjson"] | None,
+    Literal["json", FlatFormat] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
 ]
 
@@ -94,7 +94,7 @@ def _answer(
     chosen: AuditFilter,
     limit: int,
     cursor: str | None,
-    output: Literal["json", "csv", "ndjson"] | None,
+    output: Literal["json", FlatFormat] | None,
 ) -> Response:
     file_format = negotiated_format(request, output)
     if file_format is not None:
@@ -124,7 +124,7 @@ def audit_file(
             flat_paths(AuditEventOut),
             (_event_out(row).model_dump(mode="json") for row in chain(first, rows)),
         ),
-        media_type=MEDIA_TYPES[output],
+        media_type=FORMATS[output].media_type,
         headers=attachment(output, study, "audit", *_days(chosen)),
     )
 
