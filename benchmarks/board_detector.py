@@ -327,7 +327,7 @@ def detect(frames: Sequence[Frame], repeat: int) -> Answers:
         (folder / "run.js").write_text(RUN)
         rows = []
         for index, frame in enumerate(frames):
-            gray = contrast_image(frame.pixels, parse_marker(frame.marker).kind)
+            gray = contrast_image(frame.pixels, is_coloured=parse_marker(frame.marker).is_coloured)
             gray.tofile(folder / f"{index}.gray")
             row = {
                 "name": frame.name,

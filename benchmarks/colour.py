@@ -26,14 +26,13 @@ sys.path.insert(0, str(ROOT))
 
 from app.core.errors import Failure  # noqa: E402  # found from the checkout, installed or not
 from app.vision.board.ciede2000 import ciede2000  # noqa: E402
-from app.vision.board.colour_board import COLOUR_SQUARES  # noqa: E402
 from app.vision.board.colour_correction import apply_colour, measure_colour  # noqa: E402
 from app.vision.board.colour_fit import PAPER_WHITE, fit_matrix, reference_linear  # noqa: E402
 from app.vision.board.colour_samples import find_white, sample_board  # noqa: E402
 from app.vision.board.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb  # noqa: E402
 from app.vision.board.grid import grid_homography, map_points  # noqa: E402
 from app.vision.board.marker import find_marker  # noqa: E402
-from app.vision.marker_spec import parse_marker  # noqa: E402
+from app.vision.marker_spec import COLOUR_SQUARES, parse_marker  # noqa: E402
 from app.vision.model import ColourCorrection, MarkerObservation, Photo  # noqa: E402
 from app.vision.photo import read_photo  # noqa: E402
 
@@ -143,7 +142,9 @@ def left_out(photo: Photo, marker: MarkerObservation, folder: Path, side: str) -
     for index, (row, column) in enumerate(COLOUR_SQUARES):
         is_clipped = samples.is_clipped.copy()
         is_clipped[row + 1, column + 1] = True  # as one that is of no use
-        fit = fit_matrix(replace(samples, is_clipped=is_clipped), find_white(samples))
+        fit = fit_matrix(
+            replace(samples, is_clipped=is_clipped), find_white(samples), COLOUR_SQUARES
+        )
         corrected = apply_colour(photo.pixels_bgr, ColourCorrection(fit.matrix, "colour"))
         out.append(differences(corrected, folder, side)[index])
     return np.array(out)
@@ -152,7 +153,7 @@ def left_out(photo: Photo, marker: MarkerObservation, folder: Path, side: str) -
 def differences(pixels_bgr: Any, folder: Path, side: str) -> Any:
     """(10,) CIEDE2000 of the squares in a picture from their printed colours."""
     seen = seen_squares(pixels_bgr, json.loads((folder / "truth.json").read_text()), side)
-    return ciede2000(lab_of(seen), lab_of(reference_linear()))
+    return ciede2000(lab_of(seen), lab_of(reference_linear(COLOUR_SQUARES)))
 
 
 def seen_squares(pixels_bgr: Any, truth: dict[str, Any], side: str) -> Any:

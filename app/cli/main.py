@@ -414,7 +414,7 @@ def marker_command(
             f"{find}: not found ({marker_view.code}). {marker_view.message} {marker_view.advice}".strip()
         )
     else:
-        points = "corners of tags" if spec.kind == "aruco" else "inner corners"
+        points = "corners of tags" if spec.points_are_tags else "inner corners"
         print(f"{find}: {spec} found, {len(marker_view.corners_px)} {points}.")
         if colour is not None and colour["delta_e_worst"] is not None:
             print(

@@ -6,18 +6,15 @@ from itertools import groupby
 from fpdf import FPDF
 
 from app.core.errors import InvalidInputError
-from app.vision.board.colour_board import COLOUR_SQUARES
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import BLACK, Colour, MarkerSpec, TagBoard
 
 PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, upright
 PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white
 RULER_MM = 100.0
 FOOTER_MM = 30.0  # ruler and text
-Colour = tuple[int, int, int]  # sRGB
 Rectangle = tuple[
     float, float, float, float, Colour
 ]  # x, y of the upper left corner from the print's, width, height
-BLACK: Colour = (0, 0, 0)
 WHITE: Colour = (255, 255, 255)
 INSTRUCTION = (
     'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. '
@@ -63,36 +60,22 @@ def _page_mm(spec: MarkerSpec) -> tuple[float, float]:
 
 def _squares(spec: MarkerSpec) -> Iterator[Rectangle]:
     """Yield the dark and coloured squares; of an ArUco board the black of its tags."""
-    for row in range(spec.rows):
-        for column in range(spec.columns):
-            colour = _colour(spec, row, column)
-            if colour is not None:
-                yield (
-                    column * spec.pitch_mm,
-                    row * spec.pitch_mm,
-                    spec.square_mm,
-                    spec.square_mm,
-                    colour,
-                )
-
-
-def _colour(spec: MarkerSpec, row: int, column: int) -> Colour | None:
-    """Return the square's sRGB colour; None if the paper stays white."""
-    if spec.kind == "colour":
-        return COLOUR_SQUARES.get((row, column))
-    return BLACK if spec.kind == "aruco" or (row + column) % 2 == 0 else None
+    for row, column in spec.squares:
+        colour = spec.square_colour((row, column))
+        if colour is not None:
+            left, top = column * spec.pitch_mm, row * spec.pitch_mm
+            yield left, top, spec.square_mm, spec.square_mm, colour
 
 
 def _tags(spec: MarkerSpec) -> Iterator[Rectangle]:
     """Yield each tag's black square and, on it, its white cells row by row."""
-    if spec.dictionary is None:
+    if not isinstance(spec, TagBoard):
         return
     # Imported here: OpenCV, which the API process does not need for checkerboards.
-    from app.vision.board.print_layout import tag_places  # noqa: PLC0415
     from app.vision.board.tag_bits import black_cells  # noqa: PLC0415
 
     inset_mm = (spec.square_mm - spec.tag_mm) / 2
-    for tag, (row, column) in enumerate(tag_places(spec).tolist()):
+    for tag, (row, column) in enumerate(spec.tag_places()):
         is_black = black_cells(spec.dictionary, tag).tolist()
         left, top = column * spec.pitch_mm + inset_mm, row * spec.pitch_mm + inset_mm
         yield left, top, spec.tag_mm, spec.tag_mm, BLACK
@@ -124,10 +107,6 @@ def _draw_footer(pdf: FPDF, spec: MarkerSpec, page_mm: tuple[float, float]) -> N
     pdf.set_text_color(*BLACK)
     pdf.set_font("Helvetica", size=7)
     pdf.text(left + RULER_MM + 2, baseline, "100 mm")
-    size = (
-        f"tags of {spec.tag_mm:g} mm"
-        if spec.kind == "aruco"
-        else f"squares of {spec.square_mm:g} mm"
-    )
+    size = f"{spec.counted} of {spec.square_mm:g} mm"
     for line, text in enumerate((f"{spec}  ({size})", INSTRUCTION)):
         pdf.text((page_mm[0] - pdf.get_string_width(text)) / 2, baseline + 5 + 4 * line, text)

@@ -22,7 +22,7 @@ from app.vision.board.search import find_grids
 from app.vision.board.tag_bits import read_tag_cells
 from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.intrinsics import Camera
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import MarkerSpec, TagBoard
 from app.vision.model import (
     EstimateOptions,
     Float64Array,
@@ -133,7 +133,7 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
         is_cut_off = marker.code == "marker_covered" and _leaves_photograph(pixels_bgr)
         code = "marker_cut_off" if is_cut_off else marker.code
         return _stopped(side, code, measures, problems)
-    contrast = contrast_image(pixels_bgr, spec.kind)
+    contrast = contrast_image(pixels_bgr, is_coloured=spec.is_coloured)
     width_px = _edge_width_px(contrast, marker) * read.factor
     limit_px = edge_width_limit_px(max(contrast.shape) * read.factor)
     measures |= {
@@ -157,31 +157,31 @@ def _stopped(
 
 def _leaves_photograph(pixels_bgr: ImageArray) -> bool:
     """Whether the part of a board that is seen goes on beyond the photograph's border."""
-    contrast = contrast_image(pixels_bgr, "colour")
+    contrast = contrast_image(pixels_bgr, is_coloured=True)
     grid = next(find_grids(contrast), None)
     return grid is not None and bool(np.isnan(square_means(contrast, grid, ring=1)).any())
 
 
 def _edge_width_px(contrast: ImageArray, marker: MarkerObservation) -> float:
     """Width of the marker's edges, px. contrast: (H, W)."""
-    if marker.spec.dictionary is None:
+    spec = marker.spec
+    if not isinstance(spec, TagBoard):
         return marker_edge_width_px(contrast, marker.grid_px)
-    return edge_width_px(
-        edge_profiles(contrast, seen_tags_px(marker)[1], border_share(marker.spec))
-    )
+    _, quads_px = seen_tags_px(marker, spec)
+    return edge_width_px(edge_profiles(contrast, quads_px, border_share(spec)))
 
 
 def _has_glare(contrast: ImageArray, marker: MarkerObservation) -> bool:
     """Whether a square, or the black of a tag, looks light. contrast: (H, W)."""
-    if marker.spec.dictionary is None:
+    spec = marker.spec
+    if not isinstance(spec, TagBoard):
         means = square_means(contrast, marker.grid_px)
-        is_dark = np.indices(means.shape).sum(axis=0) % 2 == (
-            0 if marker.spec.kind == "plain" else 1
-        )
+        is_even = np.indices(means.shape).sum(axis=0) % 2 == 0
+        is_dark = is_even == spec.first_is_dark
         darks, lights = means[is_dark], means[~is_dark]
     else:
-        tags = zip(*seen_tags_px(marker), strict=True)
-        cells = [read_tag_cells(contrast, marker.spec, int(tag), quad) for tag, quad in tags]
+        tags = zip(*seen_tags_px(marker, spec), strict=True)
+        cells = [read_tag_cells(contrast, spec, int(tag), quad) for tag, quad in tags]
         darks, lights = (np.array([np.median(tag[place]) for tag in cells]) for place in (0, 1))
     dark, light = float(np.nanmedian(darks)), float(np.nanmedian(lights))
     return bool(np.nanmax(darks) > dark + GLARE_STEP_SHARE * (light - dark))

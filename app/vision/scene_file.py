@@ -14,12 +14,11 @@ import cv2
 import numpy as np
 
 from app.core.units import ml_from_mm3
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_correction import apply_colour
 from app.vision.geometry.masks import inward_px
 from app.vision.geometry.mesh import IntArray, enclosed_mm3
 from app.vision.geometry.topview import TableTrend
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import BLACK, MarkerSpec
 from app.vision.model import (
     Float64Array,
     ItemEstimate,
@@ -52,7 +51,7 @@ FOOD_SHARE = 0.5  # of the points, at most, for the foods: the table between the
 AROUND_MM = 60.0  # beside the foods and the board, of the table
 AROUND_BOARD_MM = 250.0  # where no food was found
 HEIGHTS_MM = (-15.0, 250.0)  # outside lie strays
-LIGHT_SQUARE, DARK_SQUARE = (255, 255, 255), (20, 20, 20)  # of a plain board, sRGB
+LIGHT_SQUARE, DARK_SQUARE = (255, 255, 255), (20, 20, 20)  # paper and black ink, sRGB
 PLASTIC = 0.7548776662466927  # 1 / p, p^3 = p + 1; Roberts (2018), "The unreasonable effectiveness of quasirandom..."
 STEPS = 65_535  # of a coordinate in 16 bits
 
@@ -141,13 +140,7 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
 
 def _board(spec: MarkerSpec) -> Document:
     """The board; the table frame is its own, so its pose is the identity but for its thickness."""
-    squares = [(row, column) for row in range(spec.rows) for column in range(spec.columns)]
-    if spec.kind == "aruco":
-        colours = [DARK_SQUARE for _ in squares]
-    elif spec.kind == "colour":
-        colours = [COLOUR_SQUARES.get(square, LIGHT_SQUARE) for square in squares]
-    else:
-        colours = [DARK_SQUARE if sum(square) % 2 == 0 else LIGHT_SQUARE for square in squares]
+    colours = [spec.square_colour(square) or LIGHT_SQUARE for square in spec.squares]
     return {
         "marker": str(spec),
         "columns": spec.columns,
@@ -158,7 +151,7 @@ def _board(spec: MarkerSpec) -> Document:
         "rotation": np.eye(3).tolist(),
         "translation_mm": [0.0, 0.0, round(spec.thick_mm, 3)],
         "square_colours": [
-            list(colour) for colour in colours
+            list(DARK_SQUARE if colour == BLACK else colour) for colour in colours
         ],  # sRGB, row by row from the top left
     }
 

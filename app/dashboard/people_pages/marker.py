@@ -7,24 +7,17 @@ from starlette.responses import Response
 
 from app.dashboard.page import CurrentPage
 from app.people.access.page_rules import PREFIX
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import DEFAULT_MARKER, FORMS, USUAL, parse_marker
 
 router = APIRouter(include_in_schema=False)
 
-USUAL = (
-    "plain:9x7:11",
-    "plain:9x7:20",
-    "colour:4x5:12",
-    "aruco:4x3:20:5:DICT_4X4_50",
-    "charuco:8x5:18:13:DICT_4X4_50",
-)
 Marker = Annotated[str, Query(max_length=64)]
 
 
 @router.get(f"{PREFIX}/marker")
-def get_marker(page: CurrentPage, marker: Marker = USUAL[0]) -> Response:
+def get_marker(page: CurrentPage, marker: Marker = DEFAULT_MARKER) -> Response:
     """The choice of a marker, and what to check after printing."""
-    return page.render("marker.html", marker=str(parse_marker(marker)), usual=USUAL)
+    return page.render("marker.html", marker=str(parse_marker(marker)), usual=USUAL, forms=FORMS)
 
 
 @router.get(f"{PREFIX}/marker.pdf")

@@ -34,8 +34,8 @@ def measure_colour(photo: Photo, marker: MarkerObservation) -> ColourCorrection:
     white = find_white(samples) if samples is not None else None
     if samples is None or white is None:
         return UNCORRECTED
-    has_colours = marker.spec.kind == "colour"
-    fit = fit_matrix(samples, white) if has_colours else None
+    colours = marker.spec.colours
+    fit = fit_matrix(samples, white, colours) if colours else None
     matrix = fit.matrix if fit is not None else np.diag(PAPER_WHITE / white.linear)
     flags = [
         flag
@@ -44,7 +44,7 @@ def measure_colour(photo: Photo, marker: MarkerObservation) -> ColourCorrection:
             ("marker_overexposed", white.is_overexposed),
             ("marker_washed_out", _is_washed_out(samples)),
             ("marker_colours_left_out", fit is not None and fit.left_out > 0),
-            ("colour_white_only", has_colours and fit is None),
+            ("colour_white_only", marker.spec.is_coloured and fit is None),
         )
         if holds
     ]

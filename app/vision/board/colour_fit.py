@@ -4,12 +4,12 @@ Samples of the board in -> (3, 3) matrix in linear sRGB with its colour differen
 be trusted are too few or do not show the board's colours.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.vision.board.ciede2000 import ciede2000
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_samples import (
     BoardSamples,
     WhiteLevel,
@@ -17,6 +17,7 @@ from app.vision.board.colour_samples import (
     light_by_square,
 )
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB, lab_of
+from app.vision.marker_spec import Colour, Square
 from app.vision.model import Float64Array, MaskArray
 
 PAPER_WHITE = 0.84  # of a perfect white's light: L* 93.5, between uncoated (92) and coated (95) paper of ISO 12647-2
@@ -50,20 +51,22 @@ class MatrixFit:
     left_out: int
 
 
-def reference_linear() -> Float64Array:
-    """(10, 3) linear sRGB of the coloured squares, in COLOUR_SQUARES' order."""
-    return np.asarray(LINEAR_OF_BYTE[np.array(list(COLOUR_SQUARES.values()))], np.float64)
+def reference_linear(colours: Mapping[Square, Colour]) -> Float64Array:
+    """(n, 3) linear sRGB of the coloured squares."""
+    return np.asarray(LINEAR_OF_BYTE[np.array(list(colours.values()))], np.float64)
 
 
-def fit_matrix(samples: BoardSamples, white: WhiteLevel) -> MatrixFit | None:
+def fit_matrix(
+    samples: BoardSamples, white: WhiteLevel, colours: Mapping[Square, Colour]
+) -> MatrixFit | None:
     """Least squares over the coloured squares, each under its own light, in steps of lightness.
 
     The light of a square is its white neighbours', so that neither a gradient nor a shadow moves its colour. White maps
     to a grey that the colours choose: exposure follows the ten colours, neutral stays neutral (6 + 1 unknowns). Where
     white is clipped, the colours in full light choose the white balance too, that light taken to be even.
     """
-    rows, columns = np.array(list(COLOUR_SQUARES)).T + 1
-    reference = reference_linear()
+    rows, columns = np.array(list(colours)).T + 1
+    reference = reference_linear(colours)
     seen, usable = samples.linear[rows, columns], ~samples.is_clipped[rows, columns]
     if white.is_overexposed:
         usable &= is_in_full_light(samples, white)[rows, columns, None]

@@ -8,12 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_space import LINEAR_OF_BYTE, LUMINANCE_OF_RGB
 from app.vision.board.grid import grid_homography, sample_squares
-from app.vision.board.print_layout import seen_tags_px, tag_places
+from app.vision.board.print_layout import seen_tags_px
 from app.vision.board.tag_bits import read_tag_cells
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import MarkerSpec, TagBoard
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, MaskArray
 
 HALF_SIDE_SQUARES = 0.25  # about a square's middle: lens, blur and sharpening spill over edges, crumpled corners stray
@@ -73,8 +72,8 @@ def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamp
     Of a board of tags: see _sample_tags.
     """
     spec = marker.spec
-    if spec.dictionary is not None:
-        return _sample_tags(pixels_bgr, marker)
+    if isinstance(spec, TagBoard):
+        return _sample_tags(pixels_bgr, marker, spec)
     count = (spec.rows - 1) * (spec.columns - 1)
     if marker.corners_px.shape != (count, 2) or not np.isfinite(marker.corners_px).all():
         return None
@@ -98,18 +97,18 @@ def sample_board(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamp
     return BoardSamples(linear, is_clipped, is_white, is_black)
 
 
-def _sample_tags(pixels_bgr: ImageArray, marker: MarkerObservation) -> BoardSamples:
+def _sample_tags(pixels_bgr: ImageArray, marker: MarkerObservation, spec: TagBoard) -> BoardSamples:
     """The black and the white cells of each tag in view, side by side as squares of a checkerboard; NaN elsewhere.
 
     (rows + 2, 2 columns + 2): each black place borders on its own tag's white one and on those of the tags around it.
     """
-    spec = marker.spec
     size = (spec.rows + 2, 2 * spec.columns + 2)
     linear, is_clipped = np.full((*size, 3), np.nan), np.zeros((*size, 3), bool)
     is_black = np.zeros(size, bool)
-    places = tag_places(spec)
-    is_black[places[:, 0] + 1, 2 * places[:, 1] + places[:, 0] % 2 + 1] = True
-    ids, quads_px = seen_tags_px(marker)
+    places = spec.tag_places()
+    for row, column in places:
+        is_black[row + 1, 2 * column + row % 2 + 1] = True
+    ids, quads_px = seen_tags_px(marker, spec)
     for tag, quad in zip(ids, quads_px, strict=True):
         row, column = places[tag]
         for place, values in enumerate(read_tag_cells(pixels_bgr, spec, int(tag), quad)):
@@ -193,11 +192,9 @@ def _places(spec: MarkerSpec) -> tuple[MaskArray, MaskArray]:
     """(rows + 2, columns + 2) where the print is white, margin included, and where it is black."""
     size = (spec.rows + 2, spec.columns + 2)
     is_white, is_black = np.ones(size, bool), np.zeros(size, bool)
-    if spec.kind == "colour":
-        for (row, column), colour in COLOUR_SQUARES.items():
+    for row, column in spec.squares:
+        colour = spec.square_colour((row, column))
+        if colour is not None:
             is_white[row + 1, column + 1] = False
             is_black[row + 1, column + 1] = max(colour) < BLACK_BYTE
-    else:
-        is_black[1:-1, 1:-1] = np.indices((spec.rows, spec.columns)).sum(axis=0) % 2 == 0
-        is_white = ~is_black
     return is_white, is_black

@@ -12,15 +12,14 @@ import cv2
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board import colour_board
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.grid import alternating_share, grid_homography, refine_grid, square_means
 from app.vision.board.pose import solve_pose
 from app.vision.board.quality import judge_marker, judge_photograph
 from app.vision.board.search import find_grids
-from app.vision.board.tag_board import find_tag_board
+from app.vision.board.tag_board import find_tag_board, mismatch
 from app.vision.geometry.pictures import grey_of
-from app.vision.marker_spec import MarkerKind, MarkerSpec
+from app.vision.marker_spec import Colour, MarkerSpec, TagBoard
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, PhotoPair
 
 Side = Literal["left", "right"]
@@ -31,6 +30,10 @@ CLEAR_ANGLE_DEG = 10.0  # between camera directions of two readings; focal lengt
 CLEAR_CORRELATION = 0.1  # between two readings' surroundings; bare tables differ by less, textured ones by 0.3 and more
 SURROUNDINGS_SQUARES = 4  # of table around the board that are compared
 SURROUNDINGS_PX = 12  # a square
+MIN_CHROMA = 0.2  # mean over the dark squares, of white's level; the colour board has 0.5, a black and white one 0.05
+# mean over squares and channels, of white's level; light and white balance move it by 0.1
+MAX_COLOUR_DISTANCE = 0.25
+WHITE: Colour = (255, 255, 255)
 COLOUR_TONE = 1.5  # exponent on grey levels before corners are refined, see _refinement_image
 
 SEE_WHOLE = "Check that the whole printed marker, with its white margin, is visible and not in glare, and try again."
@@ -45,10 +48,10 @@ def find_marker(
     photograph in messages.
     """
     where = f"in the {side} photograph" if side else "in the photograph"
-    if spec.dictionary is not None:
+    if isinstance(spec, TagBoard):
         seen = find_tag_board(photo, spec, where)
-        return _explain_no_tags(photo, spec, where) if seen is None else seen
-    contrast = contrast_image(photo.pixels_bgr, spec.kind)
+        return _explain_absence(photo.pixels_bgr, spec, where) if seen is None else seen
+    contrast = contrast_image(photo.pixels_bgr, is_coloured=spec.is_coloured)
     corners = (spec.columns - 1, spec.rows - 1)
     refusal: Failure | None = None
     whole_boards: list[set[int]] = []
@@ -68,9 +71,7 @@ def find_marker(
             unfit = judge_marker(contrast, read.grid_px, where)
             return read if unfit is None else unfit
         refusal = read if refusal is None else refusal
-    unfit = judge_photograph(
-        contrast_image(photo.pixels_bgr, "plain"), where
-    )  # squares are misread in the dark
+    unfit = judge_photograph(grey_of(photo.pixels_bgr), where)  # squares are misread in the dark
     if unfit is not None:
         return unfit
     return _explain_absence(photo.pixels_bgr, spec, where) if refusal is None else refusal
@@ -80,16 +81,15 @@ def readings(observation: MarkerObservation) -> list[MarkerObservation]:
     """All the ways to read the same corners that the board's looks cannot tell apart, the given one first.
 
     A plain board whose sides add up to an even number looks the same turned by 180 degrees; one with as many rows as
-    columns, odd, by 90 degrees too. All others have one way, and so have the colour
-    board and boards of tags.
+    columns, odd, by 90 degrees too. Tags are numbered, so that their boards have one way.
     """
     spec = observation.spec
-    if spec.dictionary is not None:
+    if isinstance(spec, TagBoard):
         return [observation]
     grid = observation.grid_px
-    turns = [0]
-    if spec.kind == "plain" and (spec.columns + spec.rows) % 2 == 0:
-        turns = [0, 1, 2, 3] if spec.columns == spec.rows and spec.columns % 2 == 1 else [0, 2]
+    colours = [spec.square_colour(square) or WHITE for square in spec.squares]
+    looks = np.array(colours).reshape(spec.rows, spec.columns, 3)
+    turns = [turn for turn in range(4) if np.array_equal(np.rot90(looks, turn), looks)]
     return [MarkerObservation(spec, np.rot90(grid, turn).reshape(-1, 2).copy()) for turn in turns]
 
 
@@ -182,22 +182,22 @@ def _correlation(a: Float64Array, b: Float64Array) -> float:
     return float(np.nan_to_num(np.corrcoef(a[both], b[both])[0, 1], nan=-1.0))
 
 
-def contrast_image(pixels_bgr: ImageArray, kind: MarkerKind) -> ImageArray:
-    """(H, W): grey for a black board; for the colour board the smallest channel, in which white alone is light."""
-    if kind != "colour":
+def contrast_image(pixels_bgr: ImageArray, *, is_coloured: bool) -> ImageArray:
+    """(H, W): grey for a black board; for a coloured one the smallest channel, in which white alone is light."""
+    if not is_coloured:
         return grey_of(pixels_bgr)
     blue, green, red = cv2.split(pixels_bgr)
     return np.asarray(cv2.min(cv2.min(blue, green), red), np.uint8)
 
 
-def _refinement_image(contrast: ImageArray, kind: MarkerKind) -> ImageArray | np.ndarray:
+def _refinement_image(contrast: ImageArray, *, is_coloured: bool) -> ImageArray | np.ndarray:
     """The image whose edges are where the print's edges are.
 
     Blur happens in linear light, so that in the camera's tone curve a dark square looks smaller. Where two equal
     squares meet this cancels, not where a yellow one meets a black one. Straight to linear light would overdo it,
     since cameras sharpen after the tone curve: the exponent lies between 1 and 2.2.
     """
-    if kind == "plain":
+    if not is_coloured:
         return contrast
     table = (255.0 * (np.arange(256) / 255.0) ** COLOUR_TONE).astype(np.float32)
     return np.asarray(table[contrast])
@@ -207,28 +207,50 @@ def _read_grid(
     pixels_bgr: ImageArray, contrast: ImageArray, grid: Float64Array, spec: MarkerSpec, where: str
 ) -> MarkerObservation | Failure:
     """Refined corners in the print's order, or Failure marker_mismatch: colours or size are another board's."""
-    first_is_dark = spec.kind == "plain"
     right = [
         turned
         for turned in _turns(grid, spec)
-        if _correct_share(contrast, turned, first_is_dark) >= MIN_CORRECT_SHARE
+        if _correct_share(contrast, turned, spec.first_is_dark) >= MIN_CORRECT_SHARE
     ]
     if not right:
-        return _mismatch(
+        return mismatch(
             spec, where, "a board whose dark squares are where the announced one has light ones"
         )
     # Of several possible ways the one whose rows follow each other downwards in the photograph.
     chosen = max(right, key=lambda turned: float((turned[-1, :, 1] - turned[0, :, 1]).sum()))
     means_bgr = square_means(pixels_bgr, chosen)
-    is_coloured = (
-        colour_board.dark_square_chroma(means_bgr, first_is_dark) > colour_board.MIN_CHROMA
-    )
-    if spec.kind == "plain" and is_coloured:
-        return _mismatch(spec, where, "a board with coloured squares")
-    if spec.kind == "colour" and not (is_coloured and colour_board.matches_colour_board(means_bgr)):
-        return _mismatch(spec, where, "a board of the same size with other colours")
-    refined = refine_grid(_refinement_image(contrast, spec.kind), chosen)
+    is_coloured = _dark_square_chroma(means_bgr, spec.first_is_dark) > MIN_CHROMA
+    if is_coloured and not spec.is_coloured:
+        return mismatch(spec, where, "a board with coloured squares")
+    if spec.is_coloured and not (is_coloured and _shows_colours(means_bgr, spec)):
+        return mismatch(spec, where, "a board of the same size with other colours")
+    refined = refine_grid(_refinement_image(contrast, is_coloured=spec.is_coloured), chosen)
     return MarkerObservation(spec, refined.reshape(-1, 2))
+
+
+def _dark_square_chroma(means_bgr: Float64Array, first_is_dark: bool) -> float:
+    """Mean of (largest - smallest channel) over the dark squares, white squares made neutral, white = 1.
+
+    means_bgr: (rows, columns, 3), grey levels.
+    """
+    dark = (np.indices(means_bgr.shape[:2]).sum(axis=0) % 2 == 0) == first_is_dark
+    relative = means_bgr[dark] / _white_level(means_bgr, ~dark)
+    return float(np.mean(relative.max(axis=1) - relative.min(axis=1)))
+
+
+def _shows_colours(means_bgr: Float64Array, spec: MarkerSpec) -> bool:
+    """Whether (rows, columns, 3) mean grey levels, read the right way up, show the board's colours in their places."""
+    places = np.array(list(spec.colours))
+    expected = np.array(list(spec.colours.values()), np.float64)[:, ::-1] / 255.0
+    light = np.ones(means_bgr.shape[:2], bool)
+    light[tuple(places.T)] = False
+    measured = means_bgr[tuple(places.T)] / _white_level(means_bgr, light)
+    return bool(np.mean(np.abs(measured - expected)) < MAX_COLOUR_DISTANCE)
+
+
+def _white_level(means_bgr: Float64Array, light: np.ndarray) -> Float64Array:
+    """(3,) median of the white squares, at least one grey level."""
+    return np.asarray(np.maximum(np.median(means_bgr[light], axis=0), 1.0), np.float64)
 
 
 def _turns(grid: Float64Array, spec: MarkerSpec) -> list[Float64Array]:
@@ -254,31 +276,20 @@ def has_white_margin(contrast: ImageArray, grid: Float64Array) -> bool:
     return bool(np.mean(margin > middle) >= MIN_CORRECT_SHARE)
 
 
-def _explain_no_tags(photo: Photo, spec: MarkerSpec, where: str) -> Failure:
-    """Return the failure of a photograph without tags: another kind of board lies there, or none."""
-    contrast = contrast_image(photo.pixels_bgr, "colour")
-    for grid in find_grids(contrast):
-        if has_white_margin(contrast, grid):
-            rows, columns = (n + 1 for n in grid.shape[:2])
-            return _mismatch(
-                spec, where, f"a board of {columns}x{rows} squares without tags that could be read"
-            )
-    return Failure("marker_not_found", f"The marker {spec} was not found {where}.", SEE_WHOLE)
-
-
 def _explain_absence(pixels_bgr: ImageArray, spec: MarkerSpec, where: str) -> Failure:
     """Why the announced board was not found: another board, a covered one, or none."""
-    contrast = contrast_image(
-        pixels_bgr, "colour"
-    )  # white alone is light here for either kind of board
+    contrast = contrast_image(pixels_bgr, is_coloured=True)  # white alone is light, on any board
     covered: Failure | None = None
     for grid in find_grids(contrast):
         rows, columns = (n + 1 for n in grid.shape[:2])
         if has_white_margin(contrast, grid):
+            if isinstance(spec, TagBoard):
+                board = f"a board of {columns}x{rows} squares without tags that could be read"
+                return mismatch(spec, where, board)
             if {rows, columns} == {spec.rows, spec.columns}:
-                return _mismatch(spec, where, "a board of the same size with other colours")
+                return mismatch(spec, where, "a board of the same size with other colours")
             return _other_size(spec, grid, where)
-        if covered is None:
+        if covered is None and not isinstance(spec, TagBoard):
             covered = Failure(
                 "marker_covered",
                 f"Only a part of the marker, {columns}x{rows} of its squares, can be seen {where}.",
@@ -300,12 +311,4 @@ def _other_size(spec: MarkerSpec, grid: Float64Array, where: str) -> Failure:
             "count squares, not inner corners.",
             f"Announce {replace(spec, columns=columns, rows=rows)} if its squares are {spec.square_mm:g} mm wide.",
         )
-    return _mismatch(spec, where, f"a board of {columns}x{rows} squares")
-
-
-def _mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:
-    return Failure(
-        "marker_mismatch",
-        f"The marker {spec} was announced, but {seen} is seen {where}.",
-        "Use the marker that the study printed, or announce the one that lies on the table.",
-    )
+    return mismatch(spec, where, f"a board of {columns}x{rows} squares")

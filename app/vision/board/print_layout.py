@@ -12,7 +12,7 @@ import numpy as np
 
 from app.vision.board.grid import shortest_step_px
 from app.vision.geometry.projective import map_points
-from app.vision.marker_spec import DICTIONARIES, MarkerSpec
+from app.vision.marker_spec import MarkerSpec, TagBoard
 from app.vision.model import Float64Array, Int64Array, MarkerObservation, MaskArray
 
 # A tag's corners from its middle, in sides, y up: clockwise on the print from the upper left, as OpenCV lists them.
@@ -56,7 +56,7 @@ def print_points_mm(spec: MarkerSpec) -> Float64Array:
 
     Inner corners, row-major; of an ArUco board the corners of its tags, tag by tag.
     """
-    if spec.kind == "aruco":
+    if isinstance(spec, TagBoard) and spec.points_are_tags:
         return tag_corners_mm(spec).reshape(-1, 2)
     rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
     x = (columns + 1 - spec.columns / 2) * spec.square_mm
@@ -64,22 +64,13 @@ def print_points_mm(spec: MarkerSpec) -> Float64Array:
     return np.asarray(np.stack([x, y], axis=1), np.float64)
 
 
-def tag_places(spec: MarkerSpec, *, is_legacy: bool = False) -> Int64Array:
-    """(tags, 2) row and column of each tag, by its number.
+def tag_corners_mm(spec: TagBoard, *, is_legacy: bool = False) -> Float64Array:
+    """(tags, 4, 2) x, y of each tag's corners in the table frame, clockwise on the print from the upper left.
 
-    On a ChArUco board the upper left square is dark and tags lie in the light ones. is_legacy: as OpenCV before 4.6
-    printed boards with an even number of rows, the other way round.
+    is_legacy: as OpenCV before 4.6 placed them.
     """
-    rows, columns = np.indices((spec.rows, spec.columns)).reshape(2, -1)
-    if spec.kind == "charuco":
-        has_tag = (rows + columns) % 2 == (0 if is_legacy and spec.rows % 2 == 0 else 1)
-        rows, columns = rows[has_tag], columns[has_tag]
-    return np.stack([rows, columns], axis=1).astype(np.int64)
-
-
-def tag_corners_mm(spec: MarkerSpec, *, is_legacy: bool = False) -> Float64Array:
-    """(tags, 4, 2) x, y of each tag's corners in the table frame, clockwise on the print from the upper left."""
-    rows, columns = tag_places(spec, is_legacy=is_legacy).T
+    places = spec.legacy_tag_places() if is_legacy else spec.tag_places()
+    rows, columns = np.array(places).T
     x = columns * spec.pitch_mm + (spec.square_mm - spec.width_mm) / 2
     y = (spec.height_mm - spec.square_mm) / 2 - rows * spec.pitch_mm
     middle = np.stack([x, y], axis=1)
@@ -91,7 +82,7 @@ def seen_squares(marker: MarkerObservation) -> MaskArray:
     spec = marker.spec
     if marker.point_ids is None:
         return np.ones((spec.rows, spec.columns), np.bool_)
-    if spec.kind == "aruco":
+    if spec.points_are_tags:
         is_seen = np.zeros(4 * spec.rows * spec.columns, np.bool_)
         is_seen[marker.point_ids] = True
         return np.asarray(is_seen.reshape(spec.rows, spec.columns, 4).all(axis=2))
@@ -149,11 +140,10 @@ def _rectangle(spec: MarkerSpec, top: int, bottom: int, left: int, right: int) -
     )
 
 
-def border_share(spec: MarkerSpec) -> float:
+def border_share(spec: TagBoard) -> float:
     """The narrower of a tag's black border, which is one cell wide, and the white around it, of the tag's side."""
-    cells = DICTIONARIES[str(spec.dictionary)][1] + 2
-    white_mm = spec.gap_mm if spec.kind == "aruco" else (spec.square_mm - spec.tag_mm) / 2
-    return min(1.0 / cells, white_mm / spec.tag_mm)
+    white_mm = spec.gap_mm + (spec.square_mm - spec.tag_mm) / 2
+    return min(1.0 / spec.cells, white_mm / spec.tag_mm)
 
 
 def shortest_side_px(marker: MarkerObservation) -> float:
@@ -161,7 +151,7 @@ def shortest_side_px(marker: MarkerObservation) -> float:
     spec = marker.spec
     if marker.point_ids is None:
         return shortest_step_px(marker.grid_px)
-    if spec.kind == "aruco":
+    if spec.points_are_tags:
         quads = marker.corners_px.reshape(-1, 4, 2)
         return float(np.linalg.norm(quads - np.roll(quads, 1, axis=1), axis=-1).min())
     flat = np.full(((spec.rows - 1) * (spec.columns - 1), 2), np.nan)
@@ -171,12 +161,11 @@ def shortest_side_px(marker: MarkerObservation) -> float:
     return float(np.nanmin(np.concatenate(steps)))
 
 
-def seen_tags_px(marker: MarkerObservation) -> tuple[Int64Array, Float64Array]:
+def seen_tags_px(marker: MarkerObservation, spec: TagBoard) -> tuple[Int64Array, Float64Array]:
     """(n,) numbers of the tags in view and (n, 4, 2) their corners, px: of ChArUco by the squares around them."""
-    spec, is_seen = marker.spec, seen_squares(marker)
-    places = tag_places(spec)
-    ids = np.flatnonzero(is_seen[places[:, 0], places[:, 1]])
-    if spec.kind == "aruco":
+    rows, columns = np.array(spec.tag_places()).T
+    ids = np.flatnonzero(seen_squares(marker)[rows, columns])
+    if spec.points_are_tags:
         return ids, marker.corners_px.reshape(-1, 4, 2)
     seen_mm = marker.seen_of(print_points_mm(spec))
     homography = np.asarray(cv2.findHomography(seen_mm, marker.corners_px)[0], np.float64)

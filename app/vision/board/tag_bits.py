@@ -10,7 +10,7 @@ import numpy as np
 
 from app.vision.geometry.pictures import sampled
 from app.vision.geometry.projective import map_points
-from app.vision.marker_spec import DICTIONARIES, MarkerSpec
+from app.vision.marker_spec import DICTIONARIES, TagBoard
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
 IN_CELL = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), -1).reshape(
@@ -29,13 +29,13 @@ def black_cells(dictionary: str, tag: int) -> MaskArray:
 
 
 def read_tag_cells(
-    image: ImageArray, spec: MarkerSpec, tag: int, corners_px: Float64Array
+    image: ImageArray, spec: TagBoard, tag: int, corners_px: Float64Array
 ) -> tuple[ImageArray, ImageArray]:
     """Pixels of a tag's black and of its white cells, (n[, k]) each, nearest neighbours. No tag is all black.
 
     image: (H, W[, k]). corners_px: (4, 2), clockwise on the print from the upper left.
     """
-    is_black = black_cells(str(spec.dictionary), tag)
+    is_black = black_cells(spec.dictionary, tag)
     cells = len(is_black)
     frame = np.array([[0.0, 0.0], [cells, 0.0], [cells, cells], [0.0, cells]], np.float32)
     homography = np.asarray(

@@ -19,7 +19,7 @@ from app.vision.board.tag_edges import grow_tags, ink_gain_px, refine_tags
 from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import map_points
-from app.vision.marker_spec import DICTIONARIES, MarkerSpec
+from app.vision.marker_spec import DICTIONARIES, MarkerSpec, TagBoard
 from app.vision.model import (
     Float64Array,
     ImageArray,
@@ -77,16 +77,14 @@ class Tags:
         return Tags(self.ids[mask], self.corners_px[mask])
 
 
-def find_tag_board(
-    photo: Photo, spec: MarkerSpec, where: str
-) -> MarkerObservation | Failure | None:
+def find_tag_board(photo: Photo, spec: TagBoard, where: str) -> MarkerObservation | Failure | None:
     """The announced board's points in view, or why they cannot be had; None where no tag at all is seen.
 
     Failures: marker_mismatch, marker_covered, image_too_dark, image_blurred. where: such as "in the left photograph".
     """
     grey = grey_of(photo.pixels_bgr)
     quads = _quads_of(grey)
-    tags = _detect_tags(grey, str(spec.dictionary), quads)
+    tags = _detect_tags(grey, spec.dictionary, quads)
     on_board = tags.chosen(_placed(tags, spec))
     seen: MarkerObservation | Failure | None = _other_board(tags, len(on_board), spec, where)
     if seen is None and len(on_board) >= MIN_TAGS:
@@ -102,7 +100,7 @@ def find_tag_board(
 
 
 def _read_board(
-    grey: ImageArray, on_board: Tags, spec: MarkerSpec, where: str
+    grey: ImageArray, on_board: Tags, spec: TagBoard, where: str
 ) -> MarkerObservation | Failure:
     """The points of MIN_TAGS tags or more that lie where the announced board has them."""
     corners_mm = tag_corners_mm(spec)[on_board.ids]
@@ -114,14 +112,14 @@ def _read_board(
     side_px = float(np.median(np.linalg.norm(refined[:, 1] - refined[:, 0], axis=-1)))
     if abs(gain_px) > max(MIN_INK_GAIN_PX, MAX_INK_GAIN * side_px):
         larger = "smaller" if gain_px > 0 else "larger"
-        return _mismatch(
+        return mismatch(
             spec,
             where,
             f"a board whose tags are {larger} for their distances than the announced ones",
         )
     grown = Tags(on_board.ids, grow_tags(refined, gain_px))
     observation = (
-        _tag_points(grown, spec) if spec.kind == "aruco" else _square_corners(grey, grown, spec)
+        _tag_points(grown, spec) if spec.points_are_tags else _square_corners(grey, grown, spec)
     )
     if not _is_enough(observation):
         return _covered(len(on_board), where)
@@ -232,7 +230,7 @@ def _least_perimeter_share(grey: ImageArray) -> float:
     return max(MIN_PERIMETER_SHARE, LONGER_THAN_ALIKE * float(shares[MAX_QUADS]))
 
 
-def _placed(tags: Tags, spec: MarkerSpec, *, is_legacy: bool = False) -> MaskArray:
+def _placed(tags: Tags, spec: TagBoard, *, is_legacy: bool = False) -> MaskArray:
     """(n,) tags that lie where the announced board has them, seen through one homography."""
     layout = tag_corners_mm(spec, is_legacy=is_legacy)
     placed = tags.ids < len(layout)
@@ -259,26 +257,23 @@ def _placed(tags: Tags, spec: MarkerSpec, *, is_legacy: bool = False) -> MaskArr
     return placed
 
 
-def _other_board(tags: Tags, on_board: int, spec: MarkerSpec, where: str) -> Failure | None:
+def _other_board(tags: Tags, on_board: int, spec: TagBoard, where: str) -> Failure | None:
     """Failure marker_mismatch where tags of the announced dictionary lie otherwise than on the announced board."""
     strays = len(tags) - on_board
     fewest, share = MAX_STRAYS
     if len(tags) < MIN_TAGS or strays <= max(fewest, share * on_board):
         return None
-    if spec.kind == "charuco" and np.count_nonzero(_placed(tags, spec, is_legacy=True)) > max(
-        on_board, strays
-    ):
-        return _mismatch(
+    on_legacy_board = np.count_nonzero(_placed(tags, spec, is_legacy=True))
+    if on_legacy_board > max(on_board, strays):
+        return mismatch(
             spec,
             where,
             "a ChArUco board of the pattern that OpenCV printed before version 4.6, whose upper left square is light,",
         )
-    return _mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
+    return mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
 
 
-def _foreign_tags(
-    grey: ImageArray, quads: TagQuads, spec: MarkerSpec, where: str
-) -> Failure | None:
+def _foreign_tags(grey: ImageArray, quads: TagQuads, spec: TagBoard, where: str) -> Failure | None:
     """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any.
 
     quads: of grey.
@@ -286,28 +281,28 @@ def _foreign_tags(
     fewer, scale = reduced(grey, FOREIGN_SIDE_PX)
     if scale < 1.0:
         quads = _quads_of(fewer)
-    mirrored = _detect_mirrored(fewer, str(spec.dictionary), quads)
+    mirrored = _detect_mirrored(fewer, spec.dictionary, quads)
     if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
-        return _mismatch(spec, where, "its mirror image")
+        return mismatch(spec, where, "its mirror image")
     other = _detect_of_any(fewer, LARGEST_OF_FAMILY, quads)
     if other is None:
         return None
     name, tags = other
-    return _mismatch(
+    return mismatch(
         spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,"
     )
 
 
-def _tag_points(tags: Tags, spec: MarkerSpec) -> MarkerObservation:
+def _tag_points(tags: Tags, spec: TagBoard) -> MarkerObservation:
     ids = (4 * tags.ids[:, None] + np.arange(4)).ravel()
     return MarkerObservation(spec, tags.corners_px.reshape(-1, 2), ids)
 
 
-def _square_corners(grey: ImageArray, tags: Tags, spec: MarkerSpec) -> MarkerObservation:
+def _square_corners(grey: ImageArray, tags: Tags, spec: TagBoard) -> MarkerObservation:
     """The inner corners of a ChArUco board both of whose tags are seen, refined where four squares meet."""
     size = (spec.columns, spec.rows)
     board = cv2.aruco.CharucoBoard(
-        size, spec.square_mm, spec.tag_mm, dictionary_of(str(spec.dictionary))
+        size, spec.square_mm, spec.tag_mm, dictionary_of(spec.dictionary)
     )
     quads = [quad.astype(np.float32).reshape(1, 4, 2) for quad in tags.corners_px]
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(
@@ -342,7 +337,8 @@ def _covered(tags: int, where: str) -> Failure:
     )
 
 
-def _mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:
+def mismatch(spec: MarkerSpec, where: str, seen: str) -> Failure:
+    """The failure of another board than the announced one."""
     return Failure(
         "marker_mismatch",
         f"The marker {spec} was announced, but {seen} is seen {where}.",

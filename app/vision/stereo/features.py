@@ -17,6 +17,7 @@ from app.vision.board.print_layout import common_points, seen_print_mm
 from app.vision.geometry.patch_alignment import align_patches
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
+from app.vision.marker_spec import TagBoard
 from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerObservation, View
 
 # long side where SIFT runs: which point is which; where it is, alignment tells
@@ -212,7 +213,7 @@ def _sift_matches(
         grey_second, to_second, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     )
     mask = _beside_sheet(first, factor, size)
-    has_tags = first.marker is not None and first.marker.spec.dictionary is not None
+    has_tags = first.marker is not None and isinstance(first.marker.spec, TagBoard)
     detect = partial(_detect, mask=mask, has_tags=has_tags)
     features = [detect(picture) for picture in (grey, np.asarray(turned, np.uint8))]
     at, at_second = features[0][0], map_points(to_second, features[1][0])

@@ -5,9 +5,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.tag_bits import black_cells
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import COLOUR_SQUARES, parse_marker
 
 FOCAL_SHARE = 0.8  # of the long side, as view_angle.js assumes
 TEXELS_PER_MM = 8

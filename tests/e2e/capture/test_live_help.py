@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import app
-from app.vision.board.tag_bits import black_cells
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import TagBoard, parse_marker
 from benchmarks.board_detector import reduced, tilted
 from tests.e2e.capture.board_frames import SIZE, frame_of, look_at
 from tests.e2e.static_modules import module_page
@@ -291,7 +290,7 @@ def test_marker_texts_are_read_as_the_server_reads_them(run):
         assert (marker["kind"], marker["columns"], marker["rows"]) == (spec.kind, spec.columns, spec.rows)
         assert (marker["square_mm"], marker["pitch_mm"]) == (spec.square_mm, spec.pitch_mm)
         assert (marker["width_mm"], marker["height_mm"]) == pytest.approx((spec.width_mm, spec.height_mm))
-        assert marker["bits"] == (len(black_cells(spec.dictionary, 0)) - 2 if spec.dictionary else 0)
+        assert marker["bits"] == (spec.cells - 2 if isinstance(spec, TagBoard) else 0)
     refused = """
       const isRead = (text) => { try { live.markers.parseMarker(text); return true; } catch { return false; } };
       return argument.map(isRead);

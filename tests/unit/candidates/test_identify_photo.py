@@ -13,7 +13,7 @@ from app.cli.main import cli
 from app.core.errors import InvalidInputError
 from app.identification.food_index import shipped_foods
 from app.vision.looks.food_boxes import overlap, propose_boxes
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import ColourBoard, PlainBoard
 from app.vision.model import Photo
 
 APPLE_BOX = (978.0, 506.0, 231.0, 232.0)
@@ -61,7 +61,7 @@ def test_apple_is_found_where_nobody_points_at_it(photo):
 
 def test_colours_are_corrected_by_a_marker_that_is_told(photo):
     yellowish = Photo(np.clip(photo.pixels_bgr * np.array([0.6, 0.9, 1.0]), 0, 255).astype(np.uint8))
-    spec = MarkerSpec("plain", 9, 7, 11.0)
+    spec = PlainBoard(9, 7, 11.0)
     as_taken, corrected = (identify_photo(yellowish, APPLE_BOX, marker) for marker in (None, spec))
     in_good_light = identify_photo(photo, APPLE_BOX, spec)
     chances = [each.identification.candidates[0].probability for each in (as_taken, corrected, in_good_light)]
@@ -72,7 +72,7 @@ def test_colours_are_corrected_by_a_marker_that_is_told(photo):
 @pytest.mark.slow
 def test_marker_that_is_not_there_is_told(photo):
     with pytest.raises(InvalidInputError) as raised:
-        identify_photo(photo, APPLE_BOX, MarkerSpec("colour", 4, 5, 12.0))
+        identify_photo(photo, APPLE_BOX, ColourBoard(4, 5, 12.0))
     assert raised.value.code in {"marker_not_found", "marker_mismatch"}
 
 

@@ -8,11 +8,10 @@ import pytest
 
 from app.core.errors import InvalidInputError
 from app.people.print_marker import render_marker_pdf
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.marker import find_marker
 from app.vision.board.pose import solve_pose
 from app.vision.board.print_layout import print_points_mm
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import COLOUR_SQUARES, parse_marker
 from app.vision.model import MarkerObservation
 from tests.unit.vision.synthetic import PHONE, look_at
 from tests.unit.vision.tag_boards import PX_PER_MM, photograph

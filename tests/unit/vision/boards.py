@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_space import LINEAR_OF_BYTE, encode_srgb, linear_rgb
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import COLOUR_SQUARES, ColourBoard, PlainBoard
 from app.vision.model import MarkerObservation, Photo
 
-COLOUR, PLAIN = MarkerSpec("colour", 4, 5, 12.0), MarkerSpec("plain", 9, 7, 11.0)
+COLOUR, PLAIN = ColourBoard(4, 5, 12.0), PlainBoard(9, 7, 11.0)
 SQUARE_PX = 24
 PAPER, INK = 0.84, 0.04
 

@@ -12,10 +12,10 @@ import numpy as np
 from app.vision.board.pose import board_points
 from app.vision.board.print_layout import sheet_half_mm
 from app.vision.intrinsics import Camera
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import PlainBoard
 from app.vision.model import Float64Array, ImageArray, MarkerObservation, Photo, View
 
-SPEC = MarkerSpec("plain", 9, 7, 11.0)
+SPEC = PlainBoard(9, 7, 11.0)
 CAMERA = Camera(1200, 900, 1150.0, 1150.0, 599.5, 449.5)
 OVERSAMPLING = 2
 STRIP_ROWS = 30  # rendered at a time: their rays fit into the processor's cache

@@ -9,9 +9,8 @@ from functools import cache
 import cv2
 import numpy as np
 
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.intrinsics import Camera
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import COLOUR_SQUARES, MarkerSpec
 from app.vision.model import Float64Array, ImageArray, Photo
 
 PHONE = Camera(1200, 900, 975.0, 975.0, 599.5, 449.5, source="given")

@@ -42,7 +42,7 @@ export function findBoard(gray, width, height, marker) {
   const spec = parseMarker(marker);
   const sharp = { data: gray, width, height };
   const image = { data: smoothed(gray, width, height), width, height };
-  if (spec.kind === "aruco") {
+  if (spec.points_are_tags) {
     const tags = findTagBoard(gray, image, spec);
     return tags === null ? null : boardOf(image, tags, spec.width_mm, spec.height_mm);
   }
@@ -59,12 +59,12 @@ function isBetter(board, other) {
   return board.share === other.share ? areaPx(board.corners) > areaPx(other.corners) : board.share > other.share;
 }
 
-/** Grey levels of RGBA pixels; for the colour board the smallest channel, in which its white squares alone are light. */
-export function grayLevels(pixels, kind) {
+/** Grey levels of RGBA pixels; for a coloured board the smallest channel, in which its white squares alone are light. */
+export function grayLevels(pixels, isColoured) {
   const gray = new Uint8Array(pixels.length / 4);
   for (let i = 0, j = 0; i < gray.length; i += 1, j += 4) {
     const [red, green, blue] = [pixels[j], pixels[j + 1], pixels[j + 2]];
-    gray[i] = kind === "colour" ? Math.min(red, green, blue) : (77 * red + 150 * green + 29 * blue) >> 8;
+    gray[i] = isColoured ? Math.min(red, green, blue) : (77 * red + 150 * green + 29 * blue) >> 8;
   }
   return gray;
 }
@@ -157,8 +157,8 @@ function isInside({ width, height }, x, y) {
 }
 
 /** Ways to lay the lattice on the board: lists of {node, u, v}, places in squares from the print's upper left. */
-function* placements(members, { kind, columns, rows }) {
-  const firstIsLight = kind === "colour" ? 1 : 0;
+function* placements(members, { is_coloured, columns, rows }) {
+  const firstIsLight = is_coloured ? 1 : 0;
   for (let quarter = 0; quarter < 4; quarter += 1) {
     const turned = members.map(({ node, i, j, turn }) => {
       const [u, v] = [[i, j], [j, -i], [-i, -j], [-j, i]][quarter];
@@ -180,7 +180,7 @@ function* placements(members, { kind, columns, rows }) {
 function judged(image, placed, spec) {
   const homography = fitHomography(placed.map(({ u, v }) => [u, v]), placed.map(({ node }) => [node.x, node.y]));
   if (homography === null) return null;
-  const { columns, rows, kind } = spec;
+  const { columns, rows, is_coloured } = spec;
   const beside = Math.min(spec.white_share / 2, 0.25);
   const level = (u, v) => levelAt(image, ...mapped(homography, u, v));
   const squares = Array.from({ length: rows }, (_, row) =>
@@ -190,7 +190,7 @@ function judged(image, placed, spec) {
     }),
   );
   const near = new Set(placed.flatMap(({ u, v }) => [`${u - 1},${v - 1}`, `${u},${v - 1}`, `${u - 1},${v}`, `${u},${v}`]));
-  const isLight = (column, row) => ((column + row) & 1) === (kind === "colour" ? 0 : 1);
+  const isLight = (column, row) => ((column + row) & 1) === (is_coloured ? 0 : 1);
   if (endsBefore(placed, squares, spec)) return null;
   const counts = { steps: [0, 0], margin: [0, 0], goingOn: [0, 0], all: [0, 0] };
   const count = (name, isRight) => {

@@ -41,5 +41,5 @@ function levelsOf({ pixels, width, height, marker }) {
   const bytes = pixels instanceof ArrayBuffer ? new Uint8Array(pixels) : pixels;
   if (bytes.length === width * height) return bytes;
   if (bytes.length !== 4 * width * height) throw new RangeError(`${bytes.length} bytes are no frame of ${width} x ${height}`);
-  return grayLevels(bytes, parseMarker(marker).kind);
+  return grayLevels(bytes, parseMarker(marker).is_coloured);
 }

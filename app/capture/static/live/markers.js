@@ -1,11 +1,19 @@
 // The study's marker as text (docs/cli.md), `plain:9x7:11` or `aruco:5x7:35:5:DICT_6X6_250`, as numbers: app/vision/marker_spec.py.
 
-const TEXT = /^(plain|colour|aruco|charuco):(\d+)x(\d+):([\d.]+)(?::([\d.]+):(\w+))?(?::thick=[\d.]+)?$/;
+const TEXT = /^(\w+):(\d+)x(\d+):([\d.]+)(?::([\d.]+):(\w+))?(?::thick=[\d.]+)?$/;
+const KINDS = {
+  plain: { has_tags: false, is_coloured: false, points_are_tags: false },
+  colour: { has_tags: false, is_coloured: true, points_are_tags: false },
+  aruco: { has_tags: true, is_coloured: false, points_are_tags: true },
+  charuco: { has_tags: true, is_coloured: false, points_are_tags: false },
+};
 const TAG_BITS = { ORIGINAL: 5, "16H5": 4, "25H9": 5, "36H10": 6, "36H11": 6, "36H12": 6 }; // others are named NxN
 
 /**
  * @typedef {object} Marker
- * @property {"plain"|"colour"|"aruco"|"charuco"} kind
+ * @property {string} kind one of KINDS
+ * @property {boolean} is_coloured its upper left square is white, and dark squares are coloured
+ * @property {boolean} points_are_tags its points are the corners of its tags, else the inner corners of squares
  * @property {number} columns squares across, of ArUco tags
  * @property {number} rows squares down
  * @property {number} square_mm side of a square, of ArUco of a tag
@@ -19,19 +27,22 @@ const TAG_BITS = { ORIGINAL: 5, "16H5": 4, "25H9": 5, "36H10": 6, "36H11": 6, "3
 /** Returns {@link Marker}; throws a RangeError if the text is no marker. */
 export function parseMarker(text) {
   const parts = TEXT.exec(text);
-  if (parts === null || parts[1].endsWith("aruco") !== (parts[6] !== undefined)) throw new RangeError(`no marker: ${text}`);
-  const kind = parts[1];
+  const kind = parts?.[1];
+  if (KINDS[kind] === undefined || KINDS[kind].has_tags !== (parts[6] !== undefined)) throw new RangeError(`no marker: ${text}`);
+  const { has_tags, is_coloured, points_are_tags } = KINDS[kind];
   const [columns, rows, square_mm, second_mm] = [2, 3, 4, 5].map((i) => Number(parts[i] ?? 0));
-  const gap_mm = kind === "aruco" ? second_mm : 0;
+  const gap_mm = points_are_tags ? second_mm : 0;
   const pitch_mm = square_mm + gap_mm;
   return {
     kind,
+    is_coloured,
+    points_are_tags,
     columns,
     rows,
     square_mm,
     pitch_mm,
-    white_share: kind === "charuco" ? (square_mm - second_mm) / 2 / square_mm : 0.5,
-    bits: parts[6] === undefined ? 0 : tagBits(parts[6].toUpperCase()),
+    white_share: has_tags && !points_are_tags ? (square_mm - second_mm) / 2 / square_mm : 0.5,
+    bits: has_tags ? tagBits(parts[6].toUpperCase()) : 0,
     width_mm: columns * pitch_mm - gap_mm,
     height_mm: rows * pitch_mm - gap_mm,
   };
@@ -44,8 +55,8 @@ function tagBits(dictionary) {
 }
 
 /** Quarter turns that leave the board looking the same where its tags are not read: [0], [0, 2] or [0, 1, 2, 3]. */
-export function turnsAlike({ kind, columns, rows }) {
-  if (kind === "aruco") return columns === rows ? [0, 1, 2, 3] : [0, 2];
-  if (kind === "colour" || (columns + rows) % 2 === 1) return [0];
+export function turnsAlike({ points_are_tags, is_coloured, columns, rows }) {
+  if (points_are_tags) return columns === rows ? [0, 1, 2, 3] : [0, 2];
+  if (is_coloured || (columns + rows) % 2 === 1) return [0];
   return columns === rows && columns % 2 === 1 ? [0, 1, 2, 3] : [0, 2];
 }

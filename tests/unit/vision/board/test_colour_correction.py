@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from app.vision.board.ciede2000 import ciede2000
-from app.vision.board.colour_board import COLOUR_SQUARES
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.colour_fit import PAPER_WHITE, reference_linear
 from app.vision.board.colour_space import LINEAR_OF_BYTE, encode_srgb, lab_of, linear_rgb
+from app.vision.marker_spec import COLOUR_SQUARES
 from app.vision.model import ColourCorrection, MarkerObservation, Photo
 from tests.unit.vision.boards import COLOUR, PLAIN, board_photo, places, printed_colours
 
@@ -18,7 +18,7 @@ QUANTISED = 1.0  # CIEDE2000 that bytes may cost, twice: as taken and corrected;
 
 def differences(pixels_bgr):
     """(10,) CIEDE2000 of the printed squares from what they are."""
-    return ciede2000(lab_of(printed_colours(pixels_bgr)), lab_of(reference_linear()))
+    return ciede2000(lab_of(printed_colours(pixels_bgr)), lab_of(reference_linear(COLOUR_SQUARES)))
 
 
 def test_board_under_white_light_is_left_as_it_is_and_a_known_camera_is_undone():

@@ -6,13 +6,13 @@ import pytest
 
 from app.vision.board.camera import camera_from_exif
 from app.vision.board.pose import FOCAL_SPREAD_UNKNOWN, board_points, project
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import PlainBoard
 from app.vision.model import MarkerObservation, Photo, View
 from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, doubt_focal
 from app.vision.stereo.pose_doubt import volume_doubt
 from app.vision.stereo.relative_pose import RefinedViews
 
-SPEC = MarkerSpec("plain", 9, 7, 11.0)
+SPEC = PlainBoard(9, 7, 11.0)
 PHOTO = Photo(np.zeros((960, 1280, 3), np.uint8))  # without EXIF
 GUESS = camera_from_exif(PHOTO)
 NOISE_PX = 0.05

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from app.vision.marker_spec import MarkerSpec
+from app.vision.marker_spec import PlainBoard
 from app.vision.stereo.features import Matches
 from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.stereo.stillness import judge_heights, judge_matches, judge_table
 from tests.unit.vision.stereo.test_epipolar import project
 from tests.unit.vision.stereo_scene import blank_views
 
-SPEC = MarkerSpec("plain", 9, 7, 11.0)
+SPEC = PlainBoard(9, 7, 11.0)
 
 
 def table(height_mm):
