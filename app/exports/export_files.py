@@ -11,7 +11,7 @@ from app.exports.export_file import make_export
 from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.http.closing_stream import ClosingStream
-from app.http.file_formats import FORMATS, OF_PLACES, Output
+from app.http.file_formats import FORMATS, OF_PLACES, Output, asked_format
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
 from app.http.row_filter import RowFilter
@@ -145,10 +145,9 @@ def file_spec(
 
     Raises InvalidInputError (`export_not_offered`) for pages in another layout.
     """
-    accept = request.headers.get("accept", "")
-    for name, form in FORMATS.items():
-        if output == name or (output is None and form.is_accepted(accept)):
-            return ExportSpec(rows, layout, name, components, filters, provenance)
+    asked = asked_format(request, output, FORMATS)
+    if asked is not None:
+        return ExportSpec(rows, layout, asked, components, filters, provenance)
     if layout != "wide" or components != "headline":
         raise InvalidInputError(
             "layout and components are of files: add format=csv, ndjson or parquet.",

@@ -59,10 +59,8 @@ class FoodAmounts:
 
     def headline(self, column: str) -> float | None:
         """Return the value of a headline component; None if it is not known."""
-        numbers = HEADLINE_BY_COLUMN[column].numbers
-        amounts = (self.nutrients[number] for number in numbers if number in self.nutrients)
-        best = next(amounts, None)
-        return best.value if best is not None else None
+        amount = HEADLINE_BY_COLUMN[column].best_of(self.nutrients)
+        return amount.value if amount is not None else None
 
     def record_columns(self) -> dict[str, float | str | None]:
         """Return the columns of effective_record that are derived from the food."""

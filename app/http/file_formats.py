@@ -3,9 +3,11 @@
 The same folder lists and limits them, so that they stand below app/exports, which writes them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
+
+from starlette.requests import Request
 
 Output = Literal["csv", "ndjson", "parquet", "geojson"]  # and a file's suffix
 JSON = "application/json"
@@ -34,10 +36,6 @@ class FileFormat:
     def content_type(self) -> str:
         """The media type without parameters."""
         return self.media_type.partition(";")[0]
-
-    def is_accepted(self, accept: str) -> bool:
-        """Whether an Accept header asks for it before anything else."""
-        return accept.startswith(self.content_type)
 
 
 FORMATS: Mapping[Output, FileFormat] = {
@@ -71,7 +69,19 @@ FORMATS: Mapping[Output, FileFormat] = {
         is_places=True,
     ),
 }
+Offered = TypeVar("Offered", bound=Output)
 OF_PLACES = tuple(output for output, form in FORMATS.items() if form.is_places)
+
+
+def asked_format(
+    request: Request, output: str | None, offered: Iterable[Offered]
+) -> Offered | None:
+    """Return the format that is asked for by name, or else by the Accept header; None: no file."""
+    accept = request.headers.get("accept", "")
+    for name in offered:
+        if output == name or (output is None and accept.startswith(FORMATS[name].content_type)):
+            return name
+    return None
 
 
 def file_name(output: str, *parts: object) -> str:

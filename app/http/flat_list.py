@@ -19,7 +19,7 @@ from fastapi.routing import APIRoute
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
-from app.http.file_formats import FORMATS, attachment
+from app.http.file_formats import FORMATS, asked_format, attachment
 from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
 
 MOST_ROWS = 50_000
@@ -41,11 +41,7 @@ def negotiated_format(
     ] = None,
 ) -> FlatFormat | None:
     """The file that is asked for, by the parameter or else by the header; None: JSON."""
-    accept = request.headers.get("accept", "")
-    for name in FLAT_FORMATS:
-        if output == name or (output is None and FORMATS[name].is_accepted(accept)):
-            return name
-    return None
+    return asked_format(request, output, FLAT_FORMATS)
 
 
 class ListRoute(APIRoute):

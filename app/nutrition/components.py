@@ -7,7 +7,7 @@ CHOAVL (available), FOL (total folate, by mass) is not FOLDFE (dietary folate eq
 """
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -76,6 +76,10 @@ class Headline:
     def unit(self) -> str:
         """The unit of the column."""
         return self.column.rpartition("_")[2]
+
+    def best_of(self, by_number: Mapping[str, T]) -> T | None:
+        """Return the value of the best of its numbers that has one."""
+        return next((by_number[number] for number in self.numbers if number in by_number), None)
 
 
 def _headline(

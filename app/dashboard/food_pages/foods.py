@@ -148,11 +148,7 @@ def component_table(rows: Sequence[NutrientRow]) -> Mapping[str, ComponentGroup]
 def _headlines(rows: Sequence[NutrientRow]) -> list[tuple[str, NutrientRow | None]]:
     """Return the first four headline components as (label, row), by a record's order of preference."""
     by_number = {row.component.number: row for row in rows}
-    shown = []
-    for headline in HEADLINES[:4]:
-        known = (by_number[number] for number in headline.numbers if number in by_number)
-        shown.append((headline.label, next(known, None)))
-    return shown
+    return [(headline.label, headline.best_of(by_number)) for headline in HEADLINES[:4]]
 
 
 def _corrected(changes: Sequence[ChangeOut]) -> dict[str, int]:

@@ -63,10 +63,7 @@ def label_place(rings: Rings) -> tuple[float, float] | None:
 def headline(nutrients: Iterable[Nutrient]) -> list[Nutrient]:
     """Return the headline components, energy first."""
     by_number = {nutrient.number: nutrient for nutrient in nutrients}
-    headlines = (
-        next((by_number[n] for n in headline.numbers if n in by_number), None)
-        for headline in HEADLINES
-    )
+    headlines = [headline.best_of(by_number) for headline in HEADLINES]
     return [nutrient for nutrient in headlines if nutrient is not None]
 
 

@@ -2,6 +2,7 @@
 
 from app.diary.queries import DayRow
 from app.diary.study_days import judge_day
+from app.http.columns.day_columns import COUNTS
 from app.nutrition.components import HEADLINE_COLUMNS
 
 
@@ -16,15 +17,7 @@ def day_values(day: DayRow) -> dict[str, object]:
         "day_status": day.status,
         "ate_nothing": day.ate_nothing,
         "decided_by": day.decided_by,
-        "meals": day.meals,
-        "meals_after_closing": day.meals_after_closing,
-        "median_upload_delay_seconds": day.median_upload_delay_seconds,
-        "items": day.items,
-        "unmeasured_meals": day.unmeasured_meals,
-        "unmeasured_items": day.unmeasured_items,
-        "provisional_items": day.provisional_items,
-        "leftovers_unknown_items": day.leftovers_unknown_items,
-        "consumed_g": day.consumed_g,
+        **{column.name: getattr(day, column.name) for column in COUNTS},
         "energy_to_basal_rate": judged.ratio,
         "plausibility": judged.verdict,
     }

@@ -23,23 +23,11 @@ from app.exports.releases.tables import OF_FOODS, PERSONAL_COLUMNS, TABLES
 from app.exports.table_columns import without_twins
 from app.exports.table_selects import TableSelect
 from app.http.columns.column import Column
-from app.nutrition.components import HEADLINE_COLUMNS
+from app.http.columns.day_columns import COUNTS, SUMS
 from app.people.access.secret_box import SecretBox
 
 DAY_WITHOUT = with_headlines(Path(__file__).parent / "day_without.sql")
-COUNTED = (
-    "meals",
-    "meals_after_closing",
-    "median_upload_delay_seconds",
-    "items",
-    "unmeasured_meals",
-    "unmeasured_items",
-    "provisional_items",
-    "leftovers_unknown_items",
-    "consumed_g",
-    *HEADLINE_COLUMNS,
-    *(f"{column}_coverage" for column in HEADLINE_COLUMNS),
-)
+COUNTED = tuple(column.name for column in (*COUNTS, *SUMS))
 OF_PEOPLE = ("days", "participants")  # tables without meals
 GONE = None
 Key = tuple[str, str | None]  # participant, meal

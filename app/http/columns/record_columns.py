@@ -75,13 +75,8 @@ def _number(name: str, unit: str, meaning: str, empty: str) -> Column:
 
 
 AMOUNTS_OF_HEADLINES = tuple(
-    _number(
-        headline.column,
-        headline.unit,
-        f"{headline.meaning} in what was eaten (consumed_g).",
-        NO_CONTENT,
-    )
-    for headline in HEADLINES
+    _number(head.column, head.unit, f"{head.meaning} in what was eaten (consumed_g).", NO_CONTENT)
+    for head in HEADLINES
 )
 WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
 OF_MEAL = (MEAL_ID, STUDY, PARTICIPANT, *WHEN, UPLOAD_DELAY)
