@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import app
-from app.vision.marker_spec import TagBoard, parse_marker
+from app.vision.marker_spec import USUAL, TagBoard, parse_marker
 from benchmarks.board_detector import reduced, tilted
 from tests.e2e.capture.board_frames import SIZE, frame_of, look_at
 from tests.e2e.static_modules import module_page
@@ -280,6 +280,7 @@ def test_advice_at_a_limit_stays_what_it_was(run):
 
 def test_marker_texts_are_read_as_the_server_reads_them(run):
     texts = [
+        *USUAL,
         *MARKERS,
         "aruco:5x7:35:5.25:dict_7x7_50",
         "charuco:6x4:20:14:DICT_APRILTAG_16h5",
@@ -288,6 +289,7 @@ def test_marker_texts_are_read_as_the_server_reads_them(run):
     for text, marker in zip(texts, run("return argument.map(live.markers.parseMarker);", argument=texts), strict=True):
         spec = parse_marker(text)
         assert (marker["kind"], marker["columns"], marker["rows"]) == (spec.kind, spec.columns, spec.rows)
+        assert (marker["is_coloured"], marker["points_are_tags"]) == (spec.is_coloured, spec.points_are_tags)
         assert (marker["square_mm"], marker["pitch_mm"]) == (spec.square_mm, spec.pitch_mm)
         assert (marker["width_mm"], marker["height_mm"]) == pytest.approx((spec.width_mm, spec.height_mm))
         assert marker["bits"] == (spec.cells - 2 if isinstance(spec, TagBoard) else 0)

@@ -5,6 +5,7 @@ from app.nutrition.components import (
     COMPONENT_GROUPS,
     COMPONENTS,
     FATTY_ACIDS,
+    HEADLINES,
     OTHERS,
     by_component_group,
     component_group,
@@ -20,6 +21,11 @@ def test_number_name_unit_and_tagname_agree_with_the_release(shared_data):
         component = COMPONENT_BY_NUMBER[number]
         assert (component.name, component.tagname or "") == (name, tagname)
         assert component.unit.value == unit.replace("\u00b5", "u")
+
+
+def test_headline_column_ends_with_the_unit_of_its_components():
+    for headline in HEADLINES:
+        assert {COMPONENT_BY_NUMBER[number].unit.value for number in headline.numbers} == {headline.unit}
 
 
 def test_every_component_has_a_group_and_energy_comes_first():

@@ -9,7 +9,7 @@ import pytest
 from app.core.errors import Failure, InvalidInputError
 from app.vision.board.marker import agree_on_corners, find_marker, readings
 from app.vision.intrinsics import Camera
-from app.vision.marker_spec import MarkerSpec, parse_marker
+from app.vision.marker_spec import USUAL, MarkerSpec, parse_marker
 from app.vision.model import MarkerObservation, Photo, PhotoPair
 from app.vision.photo import read_photo
 from tests.unit.vision.synthetic import (
@@ -50,7 +50,7 @@ def refusal(photo: Photo, spec: MarkerSpec) -> Failure:
 TAGS = ["aruco:4x3:14.4236:3.61:DICT_4X4_50", "charuco:6x4:20:14:DICT_APRILTAG_36H11:thick=3.2"]
 
 
-@pytest.mark.parametrize("text", ["plain:9x7:11", "colour:4x5:12", "plain:20x14:6.5", "plain:9x7:11:thick=8.7", *TAGS])
+@pytest.mark.parametrize("text", [*USUAL, "plain:20x14:6.5", "plain:9x7:11:thick=8.7", *TAGS])
 def test_marker_text_is_read_and_written_back(text):
     assert str(parse_marker(text)) == text
     assert parse_marker(text.replace("36H11", "36h11")) == parse_marker(text)  # as OpenCV writes it
