@@ -289,7 +289,9 @@ def test_marker_texts_are_read_as_the_server_reads_them(run):
     for text, marker in zip(texts, run("return argument.map(live.markers.parseMarker);", argument=texts), strict=True):
         spec = parse_marker(text)
         assert (marker["kind"], marker["columns"], marker["rows"]) == (spec.kind, spec.columns, spec.rows)
-        assert (marker["is_coloured"], marker["points_are_tags"]) == (spec.is_coloured, spec.points_are_tags)
+        for name in ("is_coloured", "points_are_tags"):
+            assert marker[name] == getattr(spec, name)
+        assert marker["first_is_light"] != spec.first_is_dark
         assert (marker["square_mm"], marker["pitch_mm"]) == (spec.square_mm, spec.pitch_mm)
         assert (marker["width_mm"], marker["height_mm"]) == pytest.approx((spec.width_mm, spec.height_mm))
         assert marker["bits"] == (spec.cells - 2 if isinstance(spec, TagBoard) else 0)

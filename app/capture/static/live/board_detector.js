@@ -157,8 +157,8 @@ function isInside({ width, height }, x, y) {
 }
 
 /** Ways to lay the lattice on the board: lists of {node, u, v}, places in squares from the print's upper left. */
-function* placements(members, { is_coloured, columns, rows }) {
-  const firstIsLight = is_coloured ? 1 : 0;
+function* placements(members, { first_is_light, columns, rows }) {
+  const firstIsLight = first_is_light ? 1 : 0;
   for (let quarter = 0; quarter < 4; quarter += 1) {
     const turned = members.map(({ node, i, j, turn }) => {
       const [u, v] = [[i, j], [j, -i], [-i, -j], [-j, i]][quarter];
@@ -180,7 +180,7 @@ function* placements(members, { is_coloured, columns, rows }) {
 function judged(image, placed, spec) {
   const homography = fitHomography(placed.map(({ u, v }) => [u, v]), placed.map(({ node }) => [node.x, node.y]));
   if (homography === null) return null;
-  const { columns, rows, is_coloured } = spec;
+  const { columns, rows, first_is_light } = spec;
   const beside = Math.min(spec.white_share / 2, 0.25);
   const level = (u, v) => levelAt(image, ...mapped(homography, u, v));
   const squares = Array.from({ length: rows }, (_, row) =>
@@ -190,7 +190,7 @@ function judged(image, placed, spec) {
     }),
   );
   const near = new Set(placed.flatMap(({ u, v }) => [`${u - 1},${v - 1}`, `${u},${v - 1}`, `${u - 1},${v}`, `${u},${v}`]));
-  const isLight = (column, row) => ((column + row) & 1) === (is_coloured ? 0 : 1);
+  const isLight = (column, row) => ((column + row) & 1) === (first_is_light ? 0 : 1);
   if (endsBefore(placed, squares, spec)) return null;
   const counts = { steps: [0, 0], margin: [0, 0], goingOn: [0, 0], all: [0, 0] };
   const count = (name, isRight) => {

@@ -1,18 +1,20 @@
 // The study's marker as text (docs/cli.md), `plain:9x7:11` or `aruco:5x7:35:5:DICT_6X6_250`, as numbers: app/vision/marker_spec.py.
 
 const TEXT = /^(\w+):(\d+)x(\d+):([\d.]+)(?::([\d.]+):(\w+))?(?::thick=[\d.]+)?$/;
+const PLAIN = { has_tags: false, is_coloured: false, first_is_light: false, points_are_tags: false };
 const KINDS = {
-  plain: { has_tags: false, is_coloured: false, points_are_tags: false },
-  colour: { has_tags: false, is_coloured: true, points_are_tags: false },
-  aruco: { has_tags: true, is_coloured: false, points_are_tags: true },
-  charuco: { has_tags: true, is_coloured: false, points_are_tags: false },
+  plain: PLAIN,
+  colour: { ...PLAIN, is_coloured: true, first_is_light: true },
+  aruco: { ...PLAIN, has_tags: true, points_are_tags: true },
+  charuco: { ...PLAIN, has_tags: true },
 };
 const TAG_BITS = { ORIGINAL: 5, "16H5": 4, "25H9": 5, "36H10": 6, "36H11": 6, "36H12": 6 }; // others are named NxN
 
 /**
  * @typedef {object} Marker
  * @property {string} kind one of KINDS
- * @property {boolean} is_coloured its upper left square is white, and dark squares are coloured
+ * @property {boolean} is_coloured its dark squares are coloured
+ * @property {boolean} first_is_light its upper left square is white
  * @property {boolean} points_are_tags its points are the corners of its tags, else the inner corners of squares
  * @property {number} columns squares across, of ArUco tags
  * @property {number} rows squares down
@@ -29,14 +31,13 @@ export function parseMarker(text) {
   const parts = TEXT.exec(text);
   const kind = parts?.[1];
   if (KINDS[kind] === undefined || KINDS[kind].has_tags !== (parts[6] !== undefined)) throw new RangeError(`no marker: ${text}`);
-  const { has_tags, is_coloured, points_are_tags } = KINDS[kind];
+  const { has_tags, points_are_tags } = KINDS[kind];
   const [columns, rows, square_mm, second_mm] = [2, 3, 4, 5].map((i) => Number(parts[i] ?? 0));
   const gap_mm = points_are_tags ? second_mm : 0;
   const pitch_mm = square_mm + gap_mm;
   return {
     kind,
-    is_coloured,
-    points_are_tags,
+    ...KINDS[kind],
     columns,
     rows,
     square_mm,
