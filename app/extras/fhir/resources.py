@@ -137,7 +137,7 @@ class Intakes:
         return amount
 
     def _labels(self, intake: IntakeRow) -> Iterator[Resource]:
-        """Yield all components with a figure; the ten headline components have the record's figures."""
+        """Yield all components with a figure; the headline components have the record's figures."""
         record = intake.row.record
         if record.consumed_g is None:
             return

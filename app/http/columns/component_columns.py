@@ -64,7 +64,7 @@ def sum_columns(components: Iterable[ComponentColumn]) -> tuple[Column, ...]:
 
 
 def headline_sums(empty: str) -> tuple[Column, ...]:
-    """The same of the ten components that a record holds. empty: why a sum may be."""
+    """The same of the components that a record holds. empty: why a sum may be."""
     columns: list[Column] = []
     for headline in HEADLINES:
         name, unit = headline.column, headline.unit

@@ -294,7 +294,7 @@ for _headline in HEADLINES:
 
 
 class EffectiveRecord(HeadlineAmounts, Base):
-    """The current state of an item: food, grams, ten headline components. Can be rebuilt from runs and events.
+    """The current state of an item: food, grams, headline components. Can be rebuilt from runs and events.
 
     mass_g, edible_g: as served. left_g: edible grams left over; NULL: nobody has checked for leftovers. consumed_g:
     edible less left, times the participant's share of the dish; signed, since clipping would bias means. The components
