@@ -34,20 +34,21 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.identification.building.fit_calibration import fit_calibration  # noqa: E402
-from app.identification.building.held_out import (  # noqa: E402
+from app.identification.build_index import (  # noqa: E402
+    fit_calibration,
     scores_of_unseen_classes,
     scores_of_unseen_specimens,
     specimen_folds,
 )
-from app.identification.calibrate import (  # noqa: E402  # found from the checkout, installed or not
-    NONE_PRIOR,
-    posterior,
-)
 from app.identification.food_index import FoodIndex, shipped_index  # noqa: E402
 from app.identification.habits import Eaten, log_prior  # noqa: E402
 from app.identification.identifier import Identifier  # noqa: E402
-from app.identification.kernel_classifier import KernelClassifier, fit_classifier  # noqa: E402
+from app.identification.kernel_classifier import (  # noqa: E402  # found from the checkout, installed or not
+    NONE_PRIOR,
+    KernelClassifier,
+    fit_classifier,
+    posterior,
+)
 from app.vision.looks.food_boxes import propose_boxes  # noqa: E402
 from app.vision.looks.vcm import describe  # noqa: E402
 from app.vision.looks.vcm_region import region_of_box  # noqa: E402

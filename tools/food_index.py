@@ -20,7 +20,7 @@ from PIL import Image
 
 from app.candidates.labelled_folder import LAYOUT
 from app.core.errors import Failure, InvalidInputError
-from app.identification.building.build_index import build_index, write_index
+from app.identification.build_index import build_index, write_index
 from app.identification.food_index import FoodIndex, KnownFood, shipped_foods
 from app.identification.metric import Vectors
 from app.vision.looks.vcm import VCM_VERSION, describe

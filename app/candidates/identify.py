@@ -3,32 +3,50 @@
 Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving the answer
 is reproducible. A failure never fails the meal: the items then have no candidates. If the database is unavailable, the
 job is retried.
+
+The index is extended by each study's confirmed items: fitted once for a set of entries, and again when the set changes.
+Whatever is confirmed, undone, rejected or erased counts from the next meal on: the entries are read each time. Only
+vectors and the fit, which takes up to a second, are cached. A run whose marker was probably declared at a wrong size,
+judged by what stands around it, is flagged.
 """
 
 import math
-from collections.abc import Callable, Sequence
+import threading
+import uuid
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
 
+import numpy as np
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.candidates import queries as index_entries
-from app.candidates.learned_index import LearnedIndex
-from app.candidates.scale_doubt import note_doubtful_scale
+from app.candidates.queries import Entry
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
 from app.db.session import Database
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
-from app.identification.identifier import Circumstances, Identification, Identifier
-from app.meals.stored.item_state import FOOD_IDENTIFIED
+from app.identification.identifier import (
+    MOST_EATEN,
+    MOST_EXAMPLES,
+    Circumstances,
+    Example,
+    Identification,
+    Identifier,
+)
+from app.identification.metric import Vectors
+from app.identification.sizes import FoodSize, MeasuredFood, plausible_factor
+from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
-from app.meals.stored.models import Meal
+from app.meals.stored.models import HintDetails, Meal
 from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
 
 log = structlog.get_logger()
 
-MOST_SEALED = 20  # per item; fewer are saved (save_candidates.py), since a table may lack some
-MOST_EATEN = 300  # a participant's items of some weeks
+MOST_SEALED = 20  # per item; fewer are saved (item_candidates.py), since a table may lack some
+MOST_OF_EATER = 300  # a participant's items of some weeks
 DECIMALS = 6
 
 
@@ -97,10 +115,137 @@ class IdentifyFoods:
         """Return the foods that the participant has confirmed; one that only the server identified shows no habit."""
         with self._database.read() as session:
             rows = index_entries.eaten_before(
-                session, meal.participant_id, without_meal=meal.id, most=MOST_EATEN
+                session, meal.participant_id, without_meal=meal.id, most=MOST_OF_EATER
             )
         return [
             Eaten(row.food_key, local_minute(row.captured_at, row.time_zone))
             for row in rows
             if FOOD_IDENTIFIED not in row.flags
         ]
+
+
+# a parameter of the run: what all lengths should be multiplied by
+PLAUSIBLE_FACTOR = "plausible_scale_factor"
+
+
+def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -> None:
+    """Flag the items, and note the factor, where the sizes of dishes and foods contradict the marker's."""
+    if answer.parameters.get("scale_source") != "marker":
+        return
+    lengths_mm = dict(cast(dict[str, list[float]], answer.parameters.get("rim_radii_mm", {})))
+    lengths_mm["camera"] = [cast(float, answer.parameters["camera_height_first_mm"])]
+    hints = (
+        meal.details["hints"] if not answer.regions else []
+    )  # a run on redrawn regions has hints of its own
+    foods = [
+        MeasuredFood(
+            item.volume_ml, math.hypot(*item.relative_sd.values()), _kinds(item, hints, identifier)
+        )
+        for item in answer.items
+        if item.volume_ml
+    ]
+    factor = plausible_factor(lengths_mm, foods)
+    if factor is not None:
+        answer.parameters[PLAUSIBLE_FACTOR] = round(factor, 2)
+        for item in answer.items:
+            item.flags.append(SCALE_DOUBTFUL)
+
+
+def _kinds(
+    item: ItemAnswer, hints: Sequence[HintDetails], identifier: Identifier
+) -> list[tuple[float, FoodSize]]:
+    """The foods of known size that an item may be: the one that its hint names, else by its looks."""
+    food = hints[item.hint].get("food") if hints and item.hint is not None else None
+    if food is not None:
+        size = identifier.size_of(food)
+        return [(1.0, size)] if size is not None else []
+    if item.vcm is None or item.vcm.version != identifier.vcm_version:
+        return []
+    return identifier.sizes_by_looks(numbers_of(item.vcm.vector))
+
+
+MOST_STUDIES = 8  # in the cache, up to some 30 MB each
+
+Key = tuple[uuid.UUID, uuid.UUID]  # item, run that saw it
+
+
+@dataclass(frozen=True, slots=True)
+class _Learned:
+    """An identifier, the entries that it was fitted to, the newest last, and their vectors."""
+
+    entries: tuple[Entry, ...]
+    vectors: Mapping[Key, Vectors]
+    identifier: Identifier
+
+
+class LearnedIndex:
+    """A cache of identifiers by study; one per worker process, shared by its threads."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._learned: dict[uuid.UUID, _Learned] = {}  # the most recently used at the end
+        self._lock = threading.Lock()
+
+    def identifier_for(self, meal: Meal, index: FoodIndex) -> Identifier:
+        """Return the index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
+        with self._lock:
+            held = self._learned.pop(meal.study_id, None)
+            entries, vectors = self._read(meal, index, held.vectors if held is not None else {})
+            if held is None or held.entries != entries:
+                held = _Learned(
+                    entries, vectors, Identifier(index, _examples(meal, index, entries, vectors))
+                )
+            self._learned[meal.study_id] = held
+            while len(self._learned) > MOST_STUDIES:
+                del self._learned[next(iter(self._learned))]
+            return held.identifier
+
+    def _read(
+        self, meal: Meal, index: FoodIndex, cached: Mapping[Key, Vectors]
+    ) -> tuple[tuple[Entry, ...], dict[Key, Vectors]]:
+        with self._database.read() as session:
+            entries = index_entries.entries_for(
+                session,
+                meal.study_id,
+                index.vcm_version,
+                without_meal=meal.id,
+                most=MOST_EXAMPLES,
+                most_recent=MOST_EATEN,
+            )
+            new = [entry for entry in entries if _key(entry) not in cached]
+            read = index_entries.vectors_of(session, new, index.vcm_version)
+        vectors = dict(cached) | {key: numbers_of(vector) for key, vector in read.items()}
+        return tuple(entries), {
+            key: vectors[key] for entry in entries if (key := _key(entry)) in vectors
+        }
+
+
+def _key(entry: Entry) -> Key:
+    return entry.item_id, entry.run_id
+
+
+def _examples(
+    meal: Meal, index: FoodIndex, entries: tuple[Entry, ...], vectors: Mapping[Key, Vectors]
+) -> list[Example]:
+    """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study."""
+    shape = index.vectors.shape[1:]
+    usable = {
+        key
+        for key, vector in vectors.items()
+        if vector.shape == shape and np.isfinite(vector).all()
+    }
+    if len(usable) < len(entries):
+        log.error("vectors_unusable", study_id=str(meal.study_id), count=len(entries) - len(usable))
+    return [
+        Example(
+            name=f"{entry.item_id} {entry.run_id}",
+            food_key=entry.food_key,
+            vector=vectors[_key(entry)],
+            volume_ml=entry.volume_ml,
+            day_minute=entry.day_minute,
+            is_own=entry.is_own,
+            eater=str(entry.participant_id),
+        )
+        for entry in entries
+        if _key(entry) in usable
+    ]

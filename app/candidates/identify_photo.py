@@ -1,8 +1,11 @@
-"""Identify the food in one photograph, or in a box of it, by an index; needs no server."""
+"""Identify the food in one photograph, or in a box of it, by an index; needs no server.
+
+Also the probable forms of a food by its looks: the candidates of an index, each as its kind usually lies.
+"""
 
 import math
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -10,18 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from app.candidates.likely_forms import identifier_of
 from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
-from app.identification.calibrate import NONE_PRIOR
 from app.identification.food_index import open_index
-from app.identification.identifier import Circumstances, Identification
+from app.identification.identifier import Circumstances, Identification, Identifier
+from app.identification.kernel_classifier import NONE_PRIOR
+from app.identification.metric import Vectors
 from app.meals.stored.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.looks.food_boxes import propose_boxes
-from app.vision.looks.vcm import describe
+from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import Box, region_of_box
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import Photo
@@ -152,3 +155,49 @@ def _identify(
 @cache
 def _starter_names() -> dict[str, str]:
     return {food.key: food.name for food in load_starter_table().foods}
+
+
+WHOLE = frozenset({"whole", "lying"})
+
+
+@cache
+def identifier_of(index: Path | None, none_prior: float | None = None) -> Identifier:
+    """Return the identifier of an index's file, kept for the process; None: of the shipped one.
+
+    Raises InvalidInputError, code `food_index_unreadable`.
+    """
+    return Identifier(open_index(index), none_prior=none_prior)
+
+
+def form_index_version(index: Path | None) -> str | None:
+    """Return the version of the index that likely_forms uses; None if it cannot, and then no meal fails by it."""
+    try:
+        opened = open_index(index)
+    except InvalidInputError:
+        return None
+    return opened.version if opened.vcm_version == VCM_VERSION else None
+
+
+def likely_forms(vector: Vectors, index: Path | None) -> Mapping[str, float]:
+    """Return the probability of each form of a food, by its description (d,). They may sum to less than 1.
+
+    Foods of another form than `whole`, `slab` and `heap`, and those that the starter table lacks, say nothing; neither
+    does an index that cannot be read. Raises ValueError if the vector is not finite.
+    """
+    shares: dict[str, float] = {}
+    if form_index_version(index) is None:
+        return shares
+    forms = _usual_forms()
+    for candidate in (
+        identifier_of(index).identify(vector, most=len(open_index(index).foods)).candidates
+    ):
+        form = forms.get(candidate.food_key)
+        if form is not None:
+            kept = "whole" if form in WHOLE else form
+            shares[kept] = shares.get(kept, 0.0) + candidate.probability
+    return shares
+
+
+@cache
+def _usual_forms() -> Mapping[str, str | None]:
+    return {food.key: food.form for food in load_starter_table().foods}

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from app.core.errors import Failure, InvalidInputError
-from app.identification.building.build_index import build_index
+from app.identification.build_index import build_index
 from app.identification.food_index import FoodIndex, KnownFood, read_labels
 from app.identification.metric import BlockLayout, Vectors
 from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe

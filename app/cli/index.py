@@ -31,7 +31,7 @@ def index_build(
 ) -> None:
     """Build an index of how foods look from labelled photographs. TADA_FOOD_INDEX makes the server use it."""
     from app.candidates.labelled_folder import build_from_folder
-    from app.identification.building.build_index import write_index, write_labels
+    from app.identification.build_index import write_index, write_labels
     from app.identification.food_index import labels_path, open_index
 
     if output.suffix != ".npz":

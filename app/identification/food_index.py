@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.core.errors import InvalidInputError
-from app.identification.calibrate import Calibration
+from app.identification.kernel_classifier import Calibration
 from app.identification.metric import BlockLayout, Metric, Vectors
 
 SHIPPED = "ecustfd.npz"
@@ -122,7 +122,7 @@ def read_labels(text: str) -> tuple[KnownFood, ...]:
 
 
 def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
-    """Return the index of an archive that building/build_index.py wrote. known: what its labels are.
+    """Return the index of an archive that build_index.py wrote. known: what its labels are.
 
     Raises ValueError if it is no such archive, is damaged, or has an unknown label.
     """

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from app.identification.calibrate import posterior
 from app.identification.food_index import FoodIndex
 from app.identification.habits import Eaten, log_prior, new_food_share
-from app.identification.kernel_classifier import fit_classifier
+from app.identification.kernel_classifier import fit_classifier, posterior
 from app.identification.metric import Vectors
 from app.identification.sizes import FoodSize, food_size, size_log_likelihood
 

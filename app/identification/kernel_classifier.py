@@ -1,10 +1,15 @@
-"""Kernel ridge classification: each class's membership (1 or 0) regressed on likeness to the examples.
+"""Which known food a region is: scores by kernel ridge classification, and the probabilities that follow from them.
 
-Saunders, Gammerman and Vovk, "Ridge regression learning algorithm in dual variables", ICML 1998, with the Gaussian
-kernel; for classes it is, but for its bias, the machine of Suykens and Vandewalle, "Least squares support vector
-machine classifiers", Neural Process. Lett. 9(3), 1999. It needs no training beyond one linear system, so that confirmed
-items join by solving it again. A class of five examples stands beside one of seventy: each example's noise grows with
-the root of its class's size, and scores are raised by what a small class is known to lack.
+Each class's membership (1 or 0) is regressed on likeness to the examples: Saunders, Gammerman and Vovk, "Ridge
+regression learning algorithm in dual variables", ICML 1998, with the Gaussian kernel; for classes it is, but for its
+bias, the machine of Suykens and Vandewalle, "Least squares support vector machine classifiers", Neural Process.
+Lett. 9(3), 1999. It needs one linear system and no other training, so that confirmed items join by solving it again. A
+class of five examples stands beside one of seventy: each example's noise grows with the root of its class's size, and
+scores are raised by what a small class is known to lack.
+
+p(class) ~ prior(class) exp(score / temperature), p(none) ~ prior(none) exp(none_score / temperature): temperature
+scaling (Guo, Pleiss, Sun and Weinberger, "On calibration of modern neural networks", ICML 2017) with one more class,
+"none of these", whose score is the same for all regions. Both numbers come with the index (build_index.py fits them).
 """
 
 from dataclasses import dataclass
@@ -56,3 +61,36 @@ def _noise(labels: NDArray[np.intp], classes: int) -> Vectors:
     """(n,) root of the size of each example's class, 1 on average: no class outweighs another by its number alone."""
     roots = np.sqrt(np.bincount(labels, minlength=classes)[labels].astype(np.float64))
     return np.asarray(roots / roots.mean(), np.float64)
+
+
+NONE_PRIOR = 0.05  # of a food that the index does not know, where it is asked about those it may know; a judgement
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """temperature > 0; none_score: on the scores' scale."""
+
+    temperature: float
+    none_score: float
+
+    def log_likelihoods(self, scores: Vectors) -> tuple[Vectors, float]:
+        """(n, classes) scores -> log likelihoods of the classes, and of none of them, up to one constant."""
+        return scores / self.temperature, self.none_score / self.temperature
+
+
+def posterior(
+    log_likelihoods: Vectors,
+    none_log_likelihood: float,
+    log_prior: Vectors,
+    none_prior: float = NONE_PRIOR,
+) -> tuple[Vectors, NDArray[np.float64]]:
+    """(n, classes) probabilities and (n,) of none of them; a row and its none add up to 1.
+
+    log_prior: (classes,) or (n, classes), of the classes among themselves. none_prior: between 0 and 1.
+    """
+    known = log_likelihoods + log_prior + np.log1p(-none_prior)
+    none = np.full((len(known), 1), none_log_likelihood + np.log(none_prior))
+    joint = np.concatenate([known, none], axis=1)
+    weights = np.exp(joint - joint.max(axis=1, keepdims=True))
+    shares = weights / weights.sum(axis=1, keepdims=True)
+    return shares[:, :-1], shares[:, -1]

@@ -1,12 +1,18 @@
-"""How likely a measured volume is for each food.
+"""What sizes say: which food an item may be, and whether the marker has the size that was declared.
 
 Volumes of a food are taken as log-normal, from the shipped index and the items that a study has confirmed. A slice of
 a food, or two pieces, is always possible, so no size rules a food out.
+
+A board declared at twice its size makes plates of half a metre and apples of a litre and a half. Round dishes and foods
+of known kinds say by Bayes' rule which factor all lengths should have: 1, within the error of a printer, or any other.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
 
 ANY_LOG_ML, ANY_LOG_SD = math.log(150.0), 1.1  # of foods on plates at large: 17 to 1,300 ml in 95 %
 # between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
@@ -60,3 +66,100 @@ def size_log_likelihood(
 
 def _log_density(value: float, mean: float, sd: float) -> float:
     return -0.5 * ((value - mean) / sd) ** 2 - math.log(sd)
+
+
+LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
+DECLARED_RIGHT, PRINT_LOG_SD = (
+    0.95,
+    0.03,
+)  # of studies' boards; of a printer that scales to the page
+WRONG_LOG_SD = 0.7  # a factor of two either way is usual among wrong ones: millimetres of another board, inches, A3
+# Median, mm, and spread in logarithms. Rims' radii: plates of 170 mm across to platters of 330, bowls of 110 to 240,
+# espresso cups of 55 to mugs of 115, in 90 % of tableware. Phones are held 210 to 680 mm above the table.
+USUAL_MM = {
+    "plate": (120.0, 0.2),
+    "bowl": (80.0, 0.25),
+    "cup": (40.0, 0.22),
+    "camera": (380.0, 0.35),
+}
+UNUSUAL, UNUSUAL_LOG_SD = 0.1, 0.7  # share of other sizes, and their spread
+SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 times likelier with another one
+LEAST_LOG_FACTOR = math.log(
+    1.2
+)  # that is told: below it the interval of a volume covers much of it
+
+Log = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredFood:
+    """volume_ml: with its relative standard deviation. kinds: (probability, size) of the foods that it may be.
+
+    What is left of the probabilities is for a food of which no size is known.
+    """
+
+    volume_ml: float
+    relative_sd: float = 0.0
+    kinds: Sequence[tuple[float, FoodSize]] = ()
+
+
+def plausible_factor(
+    lengths_mm: Mapping[str, Sequence[float]], foods: Sequence[MeasuredFood]
+) -> float | None:
+    """Return the factor that all lengths should have; None unless the declared size is clearly not the right one.
+
+    lengths_mm: kind, as in USUAL_MM -> radii of rims, the camera's height.
+    """
+    right = math.log(DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, PRINT_LOG_SD)
+    wrong = math.log(1.0 - DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, WRONG_LOG_SD)
+    likelihood = np.zeros_like(LOG_FACTORS)
+    for (
+        kind,
+        of_kind_mm,
+    ) in lengths_mm.items():  # dishes of one kind are of one set: they count once
+        likelihood += np.mean(
+            [_length_log_likelihood(kind, length_mm) for length_mm in of_kind_mm], axis=0
+        )
+    if foods:  # that all are small, or large, counts once; what each kind says, for itself
+        likelihood += np.mean([_of_any_food(food) for food in foods], axis=0)
+        likelihood += np.sum([_of_its_kind(food) for food in foods], axis=0)
+    log_posterior = np.logaddexp(right, wrong) + likelihood
+    posterior = np.exp(log_posterior - np.max(log_posterior))
+    posterior /= posterior.sum()
+    is_other = np.abs(LOG_FACTORS) > LEAST_LOG_FACTOR
+    if posterior[is_other].sum() < SURE:
+        return None
+    return float(np.exp(LOG_FACTORS[np.searchsorted(np.cumsum(posterior), 0.5)]))
+
+
+def _length_log_likelihood(kind: str, length_mm: float) -> Log:
+    """(n,) of each factor. Some are unusual: sauce dishes, platters, a phone at arm's length."""
+    logs = math.log(length_mm) + LOG_FACTORS
+    usual_mm, log_sd = USUAL_MM[kind]
+    usual = np.exp(_log_normal(logs, math.log(usual_mm), log_sd))
+    unusual = np.exp(_log_normal(logs, math.log(usual_mm), UNUSUAL_LOG_SD))
+    return np.asarray(np.log((1.0 - UNUSUAL) * usual + UNUSUAL * unusual))
+
+
+def _of_any_food(food: MeasuredFood) -> Log:
+    """(n,) of each factor, for a food of whatever kind."""
+    logs = math.log(food.volume_ml) + 3.0 * LOG_FACTORS
+    return _log_normal(logs, ANY_LOG_ML, math.hypot(ANY_LOG_SD, food.relative_sd))
+
+
+def _of_its_kind(food: MeasuredFood) -> Log:
+    """(n,) what its kind adds. A slice, or several pieces, may have any size, as for the identification (sizes.py)."""
+    logs, share = math.log(food.volume_ml) + 3.0 * LOG_FACTORS, 0.0
+    of_kinds = np.zeros_like(logs)
+    for probability, size in food.kinds:
+        of_kinds += probability * np.exp(
+            _log_normal(logs, size.log_mean, math.hypot(size.log_sd, food.relative_sd))
+        )
+        share += probability
+    return np.asarray(
+        np.log(AS_EXPECTED * of_kinds / np.exp(_of_any_food(food)) + 1.0 - AS_EXPECTED * share)
+    )
+
+
+def _log_normal(value: Log, mean: float, sd: float) -> Log:
+    return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - math.log(sd))

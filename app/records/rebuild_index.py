@@ -16,8 +16,8 @@ from typing import Any
 import structlog
 from sqlalchemy.orm import Session
 
-from app.candidates import vector_queries as vectors
-from app.candidates.vector_queries import DESCRIBED_SLOT, SeenRegion
+from app.candidates import queries as vectors
+from app.candidates.queries import DESCRIBED_SLOT, SeenRegion
 from app.children.child_pool import ChildPool, ChildRequest, ChildStartError
 from app.core.errors import UnavailableError
 from app.core.settings import Settings

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, JsonValue
 
-from app.candidates.classifier_file import read_model
+from app.candidates.classify import read_model
 from app.candidates.vcm_json import vcm_answer
 from app.children.child import Arguments, StageListener
 from app.core.errors import Failure

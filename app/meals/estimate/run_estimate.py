@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from app.candidates.likely_forms import form_index_version, likely_forms
+from app.candidates.identify_photo import form_index_version, likely_forms
 from app.children.child import Arguments, StageListener
 from app.core.errors import Failure
 from app.meals.estimate.estimate_json import answer_of, options_from_json

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from sqlalchemy.orm import Session
 
-from app.candidates.save_candidates import save_candidates
+from app.candidates.item_candidates import save_candidates
 from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals.stored.meal_parts import FROM_HINT

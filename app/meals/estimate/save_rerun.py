@@ -14,7 +14,7 @@ from typing import cast
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.candidates.save_candidates import save_candidates
+from app.candidates.item_candidates import save_candidates
 from app.core.errors import Failure
 from app.jobs import queries as jobs
 from app.meals.estimate.save_items import after_hints, save_left, save_served

@@ -3,8 +3,13 @@
 from collections.abc import Collection
 from pathlib import Path
 
-from app.candidates.classifier_file import FoodClassifier, read_classifier
-from app.candidates.classify import CLASSIFIER_SECONDS, classify_request, failure_of
+from app.candidates.classify import (
+    CLASSIFIER_SECONDS,
+    FoodClassifier,
+    classify_request,
+    failure_of,
+    read_classifier,
+)
 from app.children.api_children import TASKS
 from app.children.child_pool import ChildPool, ChildStartError
 from app.core.errors import Failure, TadaError

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 
 from app import __version__
-from app.candidates import vector_queries as vectors
+from app.candidates import queries as vectors
 from app.exports.releases import queries as releases
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue

@@ -11,7 +11,7 @@ from typing import Any
 
 from sqlalchemy.orm import Session
 
-from app.candidates.save_candidates import save_candidates
+from app.candidates.item_candidates import save_candidates
 from app.foods.models import Food
 from app.meals.stored.event_models import MealEvent
 from app.meals.stored.event_values import Region

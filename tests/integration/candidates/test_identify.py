@@ -258,7 +258,7 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
         raise sa.exc.OperationalError("SELECT", None, Exception("the server closed the connection"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("app.candidates.learned_index.index_entries.entries_for", away)
+        patch.setattr("app.candidates.identify.index_entries.entries_for", away)
         with pytest.raises(sa.exc.OperationalError):
             kitchen.work()
     kitchen.work()
@@ -269,7 +269,7 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
 def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
     made = []
     monkeypatch.setattr(
-        "app.candidates.learned_index.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
+        "app.candidates.identify.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
     )
     service = IdentifyFoods(state.database, lambda: index)
 

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 
 from app.candidates.labelled_folder import LAYOUT
-from app.identification.building.fit_calibration import fit_calibration
-from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
-from app.identification.calibrate import posterior
+from app.identification.build_index import (
+    fit_calibration,
+    scores_of_unseen_classes,
+    scores_of_unseen_specimens,
+    specimen_folds,
+)
 from app.identification.food_index import shipped_index
+from app.identification.kernel_classifier import posterior
 from app.nutrition.foods import load_starter_table
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from benchmarks.calibration_error import expected_calibration_error

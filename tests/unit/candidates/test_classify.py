@@ -7,9 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from app.candidates import classifier_file
-from app.candidates.classifier_file import read_classifier, read_model
-from app.candidates.classify import ClassifyFoods
+from app.candidates import classify
+from app.candidates.classify import ClassifyFoods, read_classifier, read_model
 from app.children.child_pool import ChildPool, ChildResult
 from app.core.errors import Failure
 from app.core.settings import Settings
@@ -174,7 +173,7 @@ def test_missing_description_is_noted_and_a_model_beyond_the_limit_not_loaded(tm
     path = described()
     classifier = read_classifier(path)
     assert isinstance(read_model(classifier.model, classifier.sha256), bytes)
-    monkeypatch.setattr(classifier_file, "MAX_MODEL_BYTES", 100)
+    monkeypatch.setattr(classify, "MAX_MODEL_BYTES", 100)
     assert read_model(classifier.model, classifier.sha256).code == "classifier_too_large"
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.candidates.likely_forms import form_index_version, likely_forms
+from app.candidates.identify_photo import form_index_version, likely_forms
 from app.identification.food_index import shipped_index
 
 

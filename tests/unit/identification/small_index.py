@@ -4,9 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.identification.building.fit_metric import fit_metric
-from app.identification.calibrate import Calibration
+from app.identification.build_index import fit_metric
 from app.identification.food_index import FoodIndex, KnownFood
+from app.identification.kernel_classifier import Calibration
 from app.identification.metric import BlockLayout
 
 LAYOUT = (BlockLayout("shares", 6, is_histogram=True), BlockLayout("measures", 4, is_histogram=False))

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from app.identification.building.fit_calibration import LEAST_TEMPERATURE, fit_calibration
-from app.identification.calibrate import NONE_PRIOR, posterior
+from app.identification.build_index import LEAST_TEMPERATURE, fit_calibration
+from app.identification.kernel_classifier import NONE_PRIOR, posterior
 from benchmarks.calibration_error import expected_calibration_error
 
 CLASSES = 6

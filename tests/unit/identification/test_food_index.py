@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.identification.building.build_index import write_index
-from app.identification.calibrate import Calibration
+from app.identification.build_index import write_index
 from app.identification.food_index import (
     KnownFood,
     read_index,
     read_labels,
 )
 from app.identification.identifier import Identifier
+from app.identification.kernel_classifier import Calibration
 from tests.unit.identification.small_index import pictures_of, small_index
 
 VOLUMES = {"apple": (150.0, 180.0), "egg": (55.0,)}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.identification.building.held_out import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
+from app.identification.build_index import scores_of_unseen_classes, scores_of_unseen_specimens, specimen_folds
 from app.identification.kernel_classifier import fit_classifier
 from tests.unit.identification.clouds import clouds
 

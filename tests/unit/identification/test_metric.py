@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.identification.building.fit_metric import fit_metric
+from app.identification.build_index import fit_metric
 from app.identification.metric import CLIP_SD, BlockLayout, Metric, squared_distances
 
 LAYOUT = (

@@ -2,8 +2,7 @@
 
 import pytest
 
-from app.identification.scale import MeasuredFood, plausible_factor
-from app.identification.sizes import FoodSize
+from app.identification.sizes import FoodSize, MeasuredFood, plausible_factor
 
 APPLE, EGG = FoodSize(5.3, 0.25), FoodSize(4.0, 0.2)  # 200 and 55 ml
 

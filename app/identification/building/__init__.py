@@ -1,1 +1,0 @@
-"""Make an index of foods from described regions: metric, calibration, archive."""
