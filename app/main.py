@@ -19,9 +19,7 @@ from app.dashboard import routes as dashboard
 from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
-from app.diary import adequacy_api as adequacy
 from app.diary import overview_api as overview
-from app.diary import summary_api as summary
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
 from app.exports.export_places import ExportPlaces
@@ -93,8 +91,6 @@ from app.privacy.erasure_ledger import ErasureLedger
 from app.records import photographs_api as photographs
 from app.records.remeasurements import api as remeasurements
 from app.records.review import api as review
-from app.records.review import questions_api as questions
-from app.records.review import queue_api as review_queue
 from app.records.review.meal_events import MealEvents
 from app.storage.opening import open_blob_store
 from app.vessels import api as study_vessels
@@ -220,12 +216,8 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         releases,
         remeasurements,
         review,
-        review_queue,
-        questions,
         declared,
         days,
-        summary,
-        adequacy,
         overview,
         foods,
         food_edits,

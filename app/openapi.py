@@ -15,8 +15,7 @@ from fastapi.openapi.utils import get_openapi
 from app.http.file_formats import FORMATS
 from app.http.problems import Problem, problem_responses
 from app.http.rate_limit import UNCOUNTED_PATHS
-from app.meals.upload.after_schemas import AfterMetadataIn
-from app.meals.upload.check_schemas import CheckMetadataIn
+from app.meals.upload.schemas import AfterMetadataIn, CheckMetadataIn
 from app.people.access.access_rules import OF_API, Rule
 from app.people.calibration_schemas import CalibrationMetadataIn
 from app.records.meal_schemas import MealMetadataIn, NewMealMetadataIn

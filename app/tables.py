@@ -10,7 +10,6 @@ import app.meals.stored.identification_models
 import app.meals.stored.job_models
 import app.meals.stored.models
 import app.meals.stored.record_models
-import app.meals.stored.remeasurement_models
 import app.outbox.models
 import app.people.calibration_models
 import app.people.models

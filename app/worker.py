@@ -21,7 +21,7 @@ from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.queue import JobQueue
 from app.meals.estimate.estimate_meal import EstimateMeal
-from app.meals.estimate.worker_process import run_jobs
+from app.meals.estimate.job_worker import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
 from app.operations.check_stores import check_stores
@@ -29,7 +29,7 @@ from app.operations.chores import worker_chores
 from app.operations.explain_errors import explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
-from app.records.remeasurements.feed_workers import FeedWorkers
+from app.records.remeasurements.remeasurements import FeedWorkers
 from app.storage.opening import open_blob_store
 
 log = structlog.get_logger()

@@ -38,8 +38,7 @@ from app.db.session import Database
 from app.exports.lists.list_meals import Order, changed_meals, count_meals, list_meals
 from app.http.paging import encode_cursor, list_name
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DiaryDay
-from app.meals.stored.event_models import MealEvent
+from app.meals.stored.event_models import DiaryDay, MealEvent
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.access.caller import Caller, StaffCaller, visible_rows

@@ -50,7 +50,7 @@ from app.people.access.staff import create_admin
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
 from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, search_of
 from app.records.review.queries import QueueFilter, page_of_queue
-from app.records.review.review_queue import read_queue
+from app.records.review.review_items import read_queue
 from benchmarks import query_data, query_exports
 from benchmarks.query_data import DAYS, FIRST_DAY, FOODS, PEOPLE, SPREAD, STUDIES, Shape, food_key
 

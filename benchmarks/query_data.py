@@ -21,7 +21,7 @@ from pyarrow import csv
 from app.db.base import Base  # fmt: skip
 from app.db.session import Database
 from app.foods.models import Food, FoodActivation, FoodRelease  # fmt: skip
-from app.meals.stored.day_models import DiaryDay  # fmt: skip
+from app.meals.stored.event_models import DiaryDay  # fmt: skip
 from app.meals.stored.models import Meal  # fmt: skip
 from app.meals.stored.record_models import EffectiveRecord, Item  # fmt: skip
 from app.nutrition.components import HEADLINE_COLUMNS

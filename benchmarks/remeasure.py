@@ -33,10 +33,9 @@ sys.path.insert(0, str(ROOT))
 from app.cli.demo import checked  # noqa: E402
 from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD, Plate  # noqa: E402
 from app.jobs.leases import living_workers  # noqa: E402
-from app.meals.stored.job_models import Job  # noqa: E402
+from app.meals.stored.job_models import Job, RemeasuredPair  # noqa: E402
 from app.meals.stored.models import Meal  # noqa: E402
 from app.meals.stored.record_models import Run  # noqa: E402
-from app.meals.stored.remeasurement_models import RemeasuredPair  # noqa: E402
 from benchmarks.processes import end  # noqa: E402
 from benchmarks.workers import Place, deployment, environment, wait_until_alive, wait_until_made  # noqa: E402
 

@@ -45,8 +45,7 @@ def jobs_list(
     as_json: JsonOption = False,
 ) -> None:
     """List waiting and running estimates in queue order; with --failed, failed ones, the latest first."""
-    from app.meals.upload.job_list_queries import FailedFilter
-    from app.meals.upload.look_after_jobs import failed_pairs, waiting_jobs
+    from app.meals.upload.look_after_jobs import FailedFilter, failed_pairs, waiting_jobs
 
     if not failed and (code is not None or since is not None):
         raise InvalidInputError("--code and --since select failures: add --failed.")
@@ -78,8 +77,7 @@ def jobs_retry(
 ) -> None:
     """Estimate failed meals again: those given, or all that failed with --code."""
     from app.jobs.queue import JobQueue
-    from app.meals.upload.job_list_queries import FailedFilter
-    from app.meals.upload.look_after_jobs import retry_failed, retry_named
+    from app.meals.upload.look_after_jobs import FailedFilter, retry_failed, retry_named
 
     if bool(meals) == (code is not None):
         raise InvalidInputError("Give meals, or select failures with --code.")

@@ -340,7 +340,7 @@ def calibrate(
     as_json: JsonOption = False,
 ) -> None:
     """Compute a camera's intrinsics from photographs of a board, or a rig's: the file's keys and rms_px."""
-    from app.meals.estimate.calibrate_files import calibrate_camera_files, calibrate_rig_files
+    from app.meals.estimate.calibrate import calibrate_camera_files, calibrate_rig_files
 
     calibrated = (calibrate_rig_files if is_rig else calibrate_camera_files)(
         photos, marker, read_photo_or_fail
@@ -428,7 +428,7 @@ def records_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only compare; change nothing.")] = False,
 ) -> None:
     """Rebuild the effective records from runs and items; or check that they are up to date."""
-    from app.records.rebuild_records import rebuild_records
+    from app.records.recompute_records import rebuild_records
 
     with opened_database() as database:
         records = rebuild_records(database, write=not check)

@@ -14,7 +14,7 @@ from app.core.errors import ConflictError, NotFoundError
 
 if TYPE_CHECKING:
     from app.db.session import Database
-    from app.records.remeasurements.choose_pairs import Selection
+    from app.records.remeasurements.queries import Selection
     from app.records.remeasurements.remeasurements import RemeasurementView
     from app.records.remeasurements.schemas import ComparedItemOut
 
@@ -80,7 +80,7 @@ def _selections(
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`).
     """
     from app.meals.stored import queries as meals
-    from app.records.remeasurements.choose_pairs import Selection
+    from app.records.remeasurements.queries import Selection
 
     chosen: dict[str, set[uuid.UUID]] = {}
     whole: set[str] = set()
@@ -120,7 +120,7 @@ def _print_plan(
     database: "Database", selections: Mapping[str, "Selection"], *, as_json: bool
 ) -> None:
     from app.records.remeasurements.remeasurements import Requester, plan_remeasurement
-    from app.records.remeasurements.render import render_plan
+    from app.records.remeasurements.schemas import render_plan
 
     documents = []
     for study, selection in selections.items():
@@ -220,7 +220,7 @@ def _has_worker(database: "Database") -> bool:
 
 def _rows(database: "Database", study: str, works: Works) -> Iterator["ComparedItemOut"]:
     from app.records.remeasurements.remeasurements import Requester, list_compared
-    from app.records.remeasurements.render import render_row
+    from app.records.remeasurements.schemas import render_row
 
     cursor = None
     while True:
@@ -239,7 +239,7 @@ def _print_views(
     as_json: bool,
     rows: Mapping[str, list["ComparedItemOut"]] | None = None,
 ) -> None:
-    from app.records.remeasurements.render import render_remeasurement
+    from app.records.remeasurements.schemas import render_remeasurement
 
     documents = []
     for study, view in views.items():

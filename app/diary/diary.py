@@ -14,13 +14,11 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
 from app.db.session import Database
-from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.queries import DayRow
 from app.http.paging import require_order
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DayEvent, DayEventKind, DiaryDay
-from app.meals.stored.event_models import LAYERS
+from app.meals.stored.event_models import LAYERS, DayEvent, DayEventKind, DiaryDay
 from app.meals.stored.meal_time import EARLIEST, latest_day
 from app.outbox.models import Event
 from app.outbox.write import announce
@@ -64,7 +62,7 @@ def set_day(
             f"{local_date} is before 2000 or in the future.", code="day_impossible"
         )
     with database.write() as session:
-        participant = diary.lock_participant(
+        participant = days.lock_participant(
             session, find_participant(session, caller, participant_ref).id
         )
         if participant is None or participant.withdrawn_at is not None:
@@ -73,7 +71,7 @@ def set_day(
             raise ConflictError(
                 "This participant has left the study.", code="participant_withdrawn"
             )
-        events = diary.events_of(session, participant.id, [local_date])
+        events = days.events_of(session, participant.id, [local_date])
         layer, author = _author(caller)
         if expected is not None and len(events) not in expected:
             if not _is_repeat(events, kind, layer, author, expected):
@@ -83,7 +81,7 @@ def set_day(
                 )
         else:
             meals = (
-                diary.count_meals(session, participant.id, local_date)
+                days.count_meals(session, participant.id, local_date)
                 if kind == "ate_nothing"
                 else 0
             )

@@ -15,14 +15,13 @@ from sqlalchemy.orm import Session
 from app.core.errors import InvalidInputError, NotAllowedError
 from app.core.units import kj_from_kcal
 from app.db.session import Database
-from app.diary import diary_queries as diary
 from app.diary import queries as days
 from app.diary.day_definition import FULL
 from app.diary.diary import ParticipantRef, find_participant
 from app.diary.queries import DayRow
 from app.diary.study_days import person_on, stage_of
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DayStatus
+from app.meals.stored.event_models import DayStatus
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
 from app.messages.catalogue import feedback_sentence
@@ -178,7 +177,7 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     window = RowFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
     rows = days.page_of_days(session, window)
     today = next((row for row in rows if row.local_date == day), None)
-    meals = diary.meals_of_day(session, participant.id, day)
+    meals = days.meals_of_day(session, participant.id, day)
     records = [record for _, meal_records in meals for record in meal_records]
     unmeasured_meals = today.unmeasured_meals if today is not None else 0
     person = person_on(participant.profile, day)

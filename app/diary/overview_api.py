@@ -1,4 +1,4 @@
-"""/v1/studies/{study}/overview: a study's overview, as JSON or one of its tables as a file."""
+"""/v1/studies/{study}/overview and adequacy, /v1/me/summary: what days come to, of a study and of one participant."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
@@ -7,6 +7,9 @@ from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
+from app.diary.adequacy import judge_study
+from app.diary.diary import ParticipantRef
+from app.diary.feedback import read_feedback
 from app.diary.overview_schemas import (
     BinOut,
     CompletenessOut,
@@ -19,15 +22,20 @@ from app.diary.overview_schemas import (
     PersonDayOut,
     PlaceOut,
 )
+from app.diary.schemas import AdequacyOut, SummaryOut
 from app.diary.study_overview import note_overview_export, study_overview
 from app.http.file_formats import FORMATS, attachment
+from app.http.flat_list import ListRoute
 from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
 from app.http.model_response import ModelResponse
-from app.http.parameters import FirstDay, LastDay, StudyCode
+from app.http.paging import require_order
+from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
-from app.people.access.deps import CurrentStaff, State
+from app.http.text_schemas import LocalDay
+from app.people.access.deps import CurrentDevice, CurrentStaff, State
 
-router = APIRouter(prefix="/v1/studies", tags=["days"])
+router = APIRouter()
+overviews = APIRouter(prefix="/v1/studies", tags=["days"])
 
 Part = Literal[
     "participants",
@@ -55,7 +63,7 @@ ROWS: Mapping[Part, type[BaseModel]] = {
 }
 
 
-@router.get(
+@overviews.get(
     "/{study}/overview",
     response_model=OverviewOut,
     responses={
@@ -100,3 +108,63 @@ def rows_of(overview: OverviewOut, part: Part) -> list[dict[str, JsonValue]]:
     """Return the rows of one table of the overview."""
     table = getattr(overview, part)
     return [row.model_dump(mode="json") for row in (table if isinstance(table, list) else [table])]
+
+
+lists = APIRouter(prefix="/v1/studies", tags=["days"], route_class=ListRoute)
+
+
+@lists.get("/{study}/adequacy", responses=problem_responses(401, 403, 404, 422))
+def get_adequacy(
+    study: StudyCode,
+    state: State,
+    staff: CurrentStaff,
+    component: Annotated[
+        str, Query(max_length=64, description="Number, tagname or record's column: 401, VITC.")
+    ],
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+) -> AdequacyOut:
+    """Each life stage's persons, days, variances and share below the EAR, or the reason why there is no share."""
+    require_order(first_day, last_day)
+    judged = judge_study(
+        state.database, staff, study, component, first_day=first_day, last_day=last_day
+    )
+    return AdequacyOut.model_validate(judged, from_attributes=True)
+
+
+summaries = APIRouter(prefix="/v1", tags=["feedback"])
+
+Day = Annotated[
+    LocalDay | None,
+    Query(
+        alias="date", description="A local day; default: the last one with a meal or a diary entry."
+    ),
+]
+
+
+@summaries.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
+def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
+    """A day's amounts and, from three closed days on, a comparison; only if the study gives feedback."""
+    return SummaryOut.model_validate(
+        read_feedback(state.database, device, day), from_attributes=True
+    )
+
+
+@summaries.get(
+    "/studies/{study}/participants/{participant}/summary",
+    responses=problem_responses(401, 403, 404, 422),
+)
+def get_summary_of_participant(
+    study: StudyCode,
+    participant: ParticipantCode,
+    state: State,
+    staff: CurrentStaff,
+    day: Day = None,
+) -> SummaryOut:
+    """What the participant sees, or would see if the study gave feedback."""
+    feedback = read_feedback(state.database, staff, day, ParticipantRef(study, participant))
+    return SummaryOut.model_validate(feedback, from_attributes=True)
+
+
+for part_of_diary in (overviews, lists, summaries):
+    router.include_router(part_of_diary)

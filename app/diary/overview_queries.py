@@ -20,7 +20,7 @@ from app.diary.day_definition import (
     within,
 )
 from app.diary.queries import edge_days
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal, MealStatus
 from app.people import privacy_queries as privacy
 from app.people.models import Participant

@@ -1,14 +1,32 @@
-"""HTTP schemas of days: the diary, day summaries for researchers, mean intakes."""
+"""HTTP schemas of days: the diary, day summaries for researchers, mean intakes, feedback, adequacy."""
 
+import uuid
 from datetime import date, datetime
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.diary.adequacy import Reason
+from app.diary.feedback import NoComparison
 from app.http.columns.day_columns import SUMS
-from app.http.field_descriptions import DAY, NEXT, PAGE, PARTICIPANT, with_numbers
-from app.meals.stored.day_models import DayStatus
+from app.http.field_descriptions import (
+    CAPTURED_AT,
+    DAY,
+    MEAL_ID,
+    NEXT,
+    NUMBER,
+    PAGE,
+    PARTICIPANT,
+    STUDY_DAY,
+    with_numbers,
+)
+from app.meals.stored.event_models import DayStatus
+from app.nutrition.intakes.compare_intake import Kind
+from app.nutrition.intakes.compare_intake import Verdict as Comparison
+from app.nutrition.intakes.life_stage import LifeStage
+from app.nutrition.intakes.reference_intakes import Per
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
+from app.people.models import Locale
 
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: the grams of some item are unknown."
 UNMEASURED_MEALS = (
@@ -175,3 +193,174 @@ class IntakePage(BaseModel):
 
     items: list[IntakeOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)
+
+
+class VariancesOut(BaseModel):
+    """Variance components on the scale of analysis."""
+
+    scale: Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"] = Field(
+        description="The scale on which the group's days are closest to normally distributed, used for the analysis."
+    )
+    within: float = Field(description="Variance of a person's days.")
+    between: float = Field(description="Variance of usual intakes between persons.")
+
+
+class StageAdequacyOut(BaseModel):
+    """The result of one life stage; `reason` tells why there is no share."""
+
+    life_stage: LifeStage = Field(
+        description="The group by age, sex, pregnancy and lactation, as the reference intakes define it."
+    )
+    persons: int = Field(description="Participants whose days were used.")
+    days: int = Field(description="Closed days that were used.")
+    days_left_out: int = Field(
+        description="Closed days that are not measured and final, or whose coverage is too low."
+    )
+    ear: float | None = Field(
+        description="Estimated Average Requirement in the component's unit, per `per`; null: the source sets none."
+    )
+    per: Per | None = Field(
+        description="Whether `ear` and the intakes are per day, or per day and kilogram of body weight; null: there "
+        "is no reference."
+    )
+    compared_with: str | None = Field(
+        description="The component that is compared with the EAR, and caveats; null: there is no reference."
+    )
+    mean_usual_intake: float | None = Field(
+        description="Mean of the group's usual intakes, in the unit of `ear`; null if there is a `reason`."
+    )
+    share_below_ear: float | None = Field(
+        description="Share of the group whose usual intake is below the EAR, 0 to 1; null if there is a `reason`."
+    )
+    share_interval: tuple[float, float] | None = Field(
+        description="90 % interval of the share, over persons and the adjustment."
+    )
+    unadjusted_share: float | None = Field(
+        description="Share from plain means of days: biased, for comparison."
+    )
+    variances: VariancesOut | None = Field(
+        description="Variance within and between persons; null if there is a `reason`."
+    )
+    reason: Reason | None = Field(description="Why there is no share; null: there is one.")
+
+
+class AdequacyOut(BaseModel):
+    """The share of each group whose usual intake lies below the EAR."""
+
+    number: str = Field(description=NUMBER)
+    tagname: str | None = Field(description="INFOODS tagname, such as VITC; null: there is none.")
+    name: str = Field(description="The component's name.")
+    unit: str = Field(description="Unit of the amounts.")
+    groups: list[StageAdequacyOut] = Field(
+        description="One entry per life stage that has participants."
+    )
+    persons_without_stage: int = Field(
+        description="Participants left out because their life stage, or a weight it needs, is unknown."
+    )
+    method: str = Field(
+        description="How the shares were computed, with the sources, for a paper's methods section."
+    )
+
+
+class EatenAmountOut(BaseModel):
+    """An amount and its interval of at least 90 %."""
+
+    amount: float | None = Field(
+        description="In the unit that the component's name ends with; null: unknown."
+    )
+    interval: tuple[float, float] | None = Field(
+        description="[low, high], contains the true amount with a probability of at least 90 %; null: unknown."
+    )
+    coverage: float | None = Field(
+        description="The share of the eaten grams for which it is known."
+    )
+
+
+class EatenMealOut(BaseModel):
+    """One meal of the day."""
+
+    meal_id: uuid.UUID = Field(description=MEAL_ID)
+    captured_at: datetime = Field(description=CAPTURED_AT)
+    items: int = Field(description="Items of the meal that count (not rejected).")
+    unmeasured_items: int = Field(
+        description="Items whose eaten grams are unknown: missing from the amounts."
+    )
+    components: dict[str, EatenAmountOut] = Field(
+        description="Amounts by the record's column, such as energy_kcal."
+    )
+
+
+class ComparedOut(BaseModel):
+    """A mean of days beside a reference intake of the participant's age and sex."""
+
+    mean: float = Field(
+        description="Mean per day, in the unit that the component's name ends with."
+    )
+    interval: tuple[float, float] = Field(
+        description="90 % interval from day-to-day variation; measurement error is not included."
+    )
+    days: int = Field(description="Number of days in the mean.")
+    coverage: float = Field(
+        description="Mean over the days of the share of the eaten grams for which the component is known, 0 to 1."
+    )
+    reference: float = Field(description="The reference intake per day, in the same unit.")
+    kind: Kind = Field(
+        description="rda: Recommended Dietary Allowance. ai: Adequate Intake. cdrr: Chronic Disease Risk Reduction "
+        "intake."
+    )
+    verdict: Comparison = Field(
+        description="What the days show: reaches, below: an RDA or AI. above_limit, under_limit: a CDRR. open: the "
+        "days do not show it. open_adequate: below an AI, from which nothing follows. open_coverage: not all "
+        "contents are known."
+    )
+
+
+class ComparisonOut(BaseModel):
+    """Days of the window beside reference intakes; `why_not` says why nothing is compared."""
+
+    window_days: int = Field(
+        description="Length of the window in days; it ends with the summary's day."
+    )
+    closed_days: int = Field(description="Closed days in the window.")
+    whole_days: int = Field(
+        description="Closed days that are measured and final: these are compared."
+    )
+    why_not: NoComparison | None = Field(
+        description="days_needed: too few whole days. profile_needed: age or sex is unknown. Null: there is a "
+        "comparison."
+    )
+    components: dict[str, ComparedOut] = Field(
+        description="By the record's column, such as fibre_g; empty without a comparison."
+    )
+
+
+class SummaryOut(BaseModel):
+    """What a participant ate on a day, in figures and in plain sentences of the study's language."""
+
+    date: Annotated[date, Field(description="The participant's local day.")]
+    study_day: int | None = Field(description=STUDY_DAY)
+    status: DayStatus = Field(
+        description="closed: all that was eaten on the day is recorded. open: not all."
+    )
+    ate_nothing: bool = Field(description="Whether the day is closed and nothing was eaten on it.")
+    meals: list[EatenMealOut] = Field(description="The day's meals.")
+    components: dict[str, EatenAmountOut] = Field(
+        description="Amounts of the whole day, without a comparison."
+    )
+    unmeasured_meals: int = Field(
+        description="Meals without a known food: missing from the amounts."
+    )
+    unmeasured_items: int = Field(
+        description="Items whose eaten grams are unknown: missing from the amounts."
+    )
+    provisional_items: int = Field(description="Items that an after-meal pair may still change.")
+    leftovers_unknown_items: int = Field(
+        description="Items counted as eaten up because no leftovers were recorded, where the study expects an "
+        "after-meal pair."
+    )
+    comparison: ComparisonOut = Field(
+        description="Means of the last days beside reference intakes."
+    )
+    locale: Locale = Field(description="The language of the sentences.")
+    sentences: list[str] = Field(description="Show them unchanged, in this order.")
+    disclaimer: str = Field(description="Always show it beside the sentences.")

@@ -12,10 +12,16 @@ from sqlalchemy.orm import Session, object_session
 from app.core.errors import Failure
 from app.jobs.times import WorkerTimes
 from app.meals.stored.announce import announce_meal
-from app.meals.stored.job_models import LIVE_STATES, RERUN_OF, Job, PairPurpose, WorkerLease
+from app.meals.stored.job_models import (
+    LIVE_STATES,
+    RERUN_OF,
+    Job,
+    PairPurpose,
+    RemeasuredPair,
+    WorkerLease,
+)
 from app.meals.stored.models import Meal
 from app.meals.stored.queries import WAITING
-from app.meals.stored.remeasurement_models import RemeasuredPair
 
 # How often a job is taken over from dead workers before its meal fails. Generous: a photograph can kill its child but
 # not the worker, so a worker's death says something about the machine, not about its jobs.

@@ -7,19 +7,28 @@ turn beside another such study, and no study starves. Within a study, jobs run i
 
 Background jobs (remeasurements) are outside of this: they have no turn, and workers claim one only while nothing else
 waits (claims.py).
+
+A sweep finds waiting meals that no job will move, and queues them again or fails them visibly. The meal's status is the
+truth; its job may be missing, taken over too often, or have ended without an answer. Each worker sweeps regularly;
+`tada doctor --requeue` sweeps at once.
 """
 
 import threading
 import uuid
+from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import cast
 
 import structlog
 from sqlalchemy.orm import Session
 
+from app.children.faults import INTERNAL_ERROR, JOB_GAVE_UP
+from app.db.session import Database
 from app.jobs import queries as jobs
 from app.meals.stored.job_models import RERUN_OF, Job, JobPurpose, PairPurpose
 from app.meals.stored.models import Meal
+from app.meals.stored.queries import WAITING, lock_meal
+from app.metrics import instruments
 
 # The meaning of a job's row. A job carries the version of the program that queued it, and only workers of that version
 # or a higher one run it. Raise the number only if workers of the previous version could not run the new rows.
@@ -89,3 +98,63 @@ class JobQueue:
             turn = max(reached, last_of_study + 1, self._assigned.get(study_id, 0) + 1)
             self._assigned[study_id] = turn
         return turn
+
+
+log = structlog.get_logger()
+
+Settle = Callable[[Session, Meal], object]  # EstimateUseCases.settle
+
+
+def sweep(database: Database, queue: JobQueue, settle: Settle) -> int:
+    """Move every stuck meal, each in its own transaction. Returns their number."""
+    with database.read() as session:
+        exhausted = jobs.exhausted_jobs(session)
+        orphans = jobs.waiting_without_live_job(session)
+    moved = 0
+    for job_id in exhausted:
+        with database.write() as session:
+            moved += _give_up(session, job_id, settle)
+    for meal_id, purpose in orphans:
+        with database.write() as session:
+            moved += _move_meal(session, queue, meal_id, purpose, settle)
+    return moved
+
+
+def _give_up(session: Session, job_id: uuid.UUID, settle: Settle) -> bool:
+    live = jobs.lock_live_job(session, job_id)
+    if live is None:
+        return False
+    job, meal = live
+    jobs.fail_job(job, meal, JOB_GAVE_UP, datetime.now(UTC))
+    if job.purpose != "meal":
+        settle(session, meal)
+    instruments.SWEPT.labels("failed").inc()
+    log.error("job_failed", job_id=str(job_id), meal_id=str(meal.id), code=JOB_GAVE_UP.code)
+    return True
+
+
+def _move_meal(
+    session: Session, queue: JobQueue, meal_id: uuid.UUID, purpose: PairPurpose, settle: Settle
+) -> bool:
+    meal = lock_meal(session, meal_id)
+    if meal is None or jobs.pair_status(meal, purpose) not in WAITING:
+        return False
+    count, live = jobs.count_jobs(session, meal_id, purpose)
+    if live:
+        return False
+    if not count:
+        jobs.advance_pair(meal, purpose, "queued")
+        queue.enqueue_pair(session, meal, purpose)
+        instruments.SWEPT.labels("queued").inc()
+        log.warning(
+            "meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job"
+        )
+        return True
+    jobs.fail_pair(
+        meal, purpose, INTERNAL_ERROR
+    )  # its job has ended without an answer, and so would another
+    if purpose != "meal":
+        settle(session, meal)
+    instruments.SWEPT.labels("failed").inc()
+    log.error("meal_failed", meal_id=str(meal_id), purpose=purpose, code=INTERNAL_ERROR.code)
+    return True

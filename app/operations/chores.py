@@ -6,7 +6,7 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.exports.releases.file_work_chore import FileThread, expire_exports
 from app.jobs.chores import Chore
-from app.meals.upload.after_windows import AfterWindows
+from app.meals.upload.after_meal import AfterWindows
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in_limits import forget_attempts

@@ -16,8 +16,7 @@ from sqlalchemy.orm import Session
 
 from app.db.base import Base
 from app.exports.made_file import MADE_FILES
-from app.meals.stored.day_models import DayEvent, DiaryDay
-from app.meals.stored.event_models import MealEvent
+from app.meals.stored.event_models import DayEvent, DiaryDay, MealEvent
 from app.meals.stored.job_models import LIVE_STATES, Job
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import EffectiveRecord, Run, RunArtefact

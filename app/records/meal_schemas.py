@@ -34,7 +34,7 @@ from app.photos.slots import (
     confidence_slot,
     depth_slot,
 )
-from app.records.outline_schemas import Pixel, Polygon
+from app.records.schemas import Pixel, Polygon
 from app.vision.depth_camera import DEFAULT_UNIT_MM
 
 MAX_HINTS = 20

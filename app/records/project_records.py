@@ -526,7 +526,7 @@ def _with_after_pair_settled(session: Session, parts: MealParts) -> MealParts:
     state = fold_meal(parts)
     if has_pieces:
         # NumPy and SciPy come with it: 50 MB that an API process has no other use for
-        from app.records.match_leftovers import match_leftovers  # noqa: PLC0415
+        from app.records.match_items import match_leftovers  # noqa: PLC0415
 
         if match_leftovers(session, parts, state):
             session.flush()

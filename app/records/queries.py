@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session, defer
 from app.db.statements import AnyColumn, AnyQuery
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DayStatus, DiaryDay
+from app.meals.stored.event_models import DayStatus, DiaryDay
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.queries import MEAL_ID, first_days
@@ -25,8 +25,7 @@ from app.meals.stored.record_models import (
     RunArtefact,
 )
 from app.people.models import Participant, Study
-from app.records.conditions import holds
-from app.records.page_queries import Key, search_of
+from app.records.page_queries import Key, holds, search_of
 
 # Statements of each GET of a meal, made once: that takes longer than to execute them
 OF_MEAL: sa.BindParameter[uuid.UUID] = sa.bindparam(MEAL_ID, type_=sa.Uuid())

@@ -1,8 +1,10 @@
-"""Records computed anew by the food tables and densities that are in force now: volumes, foods and statuses stay.
+"""Effective records made again: projected anew, or computed by the food tables and densities that are in force now.
 
-An item whose food has other figures, another density or another edible share by now gets a new row of what it is taken
-for, and its effective record follows; the old rows stay. What a person chose stays chosen: the food goes by its key. An
-item whose food is in no table any more is left as it is and counted. Doing it again changes nothing.
+To rebuild is to compare what is stored with a fresh projection of runs and events, and to put it right. To recompute is
+to leave volumes, foods and statuses as they are: an item whose food has other figures, another density or another
+edible share by now gets a new row of the food that it is taken for, and its effective record follows; the old rows
+stay. What a person chose stays chosen: the food goes by its key. An item whose food is in no table any more is left as
+it is and counted. Doing it again changes nothing.
 """
 
 import uuid
@@ -25,7 +27,13 @@ from app.meals.stored.record_models import EffectiveRecord, ItemFood, Recompute
 from app.nutrition.components import HEADLINE_COLUMNS
 from app.people import queries as people
 from app.records.item_foods import item_food, weighing_for, weighing_of
-from app.records.project_records import MealProjection, Projector, with_food, write_records
+from app.records.project_records import (
+    MealProjection,
+    Projector,
+    count_stale,
+    with_food,
+    write_records,
+)
 
 BATCH = 50  # meals a transaction: writers wait for no more than that
 COMPARED = ("density_g_per_ml", "mass_g", "edible_g", "left_g", "consumed_g", *HEADLINE_COLUMNS)
@@ -222,3 +230,33 @@ def _study_id(database: Database, study_code: str | None) -> uuid.UUID | None:
     if study is None:
         raise NotFoundError(f"There is no study {study_code!r}.")
     return study.id
+
+
+@dataclass(frozen=True, slots=True)
+class Rebuilt:
+    """How many records were compared; of how many items or leftovers what is stored differs from a fresh projection."""
+
+    compared: int
+    different: int
+
+
+def rebuild_records(database: Database, *, write: bool) -> Rebuilt:
+    """Compare every effective record with what its item comes to; with `write`, put right those that differ."""
+    compared = different = 0
+    after = None
+    while True:
+        opened = database.write() if write else database.read()
+        with opened as session:
+            batch = meals_after(session, after, BATCH, lock=write)
+            if not batch:
+                return Rebuilt(compared, different)
+            after = batch[-1].id
+            projector = Projector(session)
+            for parts in parts_of(session, batch):
+                projection = projector.project(parts)
+                compared += len(projection.items)
+                different += (
+                    write_records(session, projection)
+                    if write
+                    else count_stale(session, projection)
+                )

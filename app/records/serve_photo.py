@@ -3,7 +3,7 @@
 The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
 measured before there were corrections) the picture is as it was taken.
 
-At the width of thumbnails.py it is the one that this run has left, which costs no child a moment; without one, or where
+At the width of a thumbnail it is the one that this run has left, which costs no child a moment; without one, or where
 it is not to be read, it is made like all others.
 """
 
@@ -27,7 +27,7 @@ from app.meals.stored import queries as meals
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.receive_photo import sha256_of_file
 from app.meals.stored.record_models import Run, RunArtefact
-from app.meals.stored.thumbnails import THUMBNAIL_PX, thumbnail_name
+from app.meals.stored.run_answer import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
 from app.photos.inspect import COSTLY_PIXELS

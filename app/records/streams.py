@@ -14,8 +14,7 @@ from sqlalchemy.dialects import postgresql
 from app.db.statements import AnyColumn, AnyQuery, Condition, Conditions
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
-from app.records.conditions import is_list_of_flags
-from app.records.page_queries import Branch, Key
+from app.records.page_queries import Branch, Key, is_list_of_flags
 
 MOST_PLANNED = 8  # PostgreSQL plans each branch by itself; more of them are given as arrays
 

@@ -16,10 +16,15 @@ from app.http.paging import Cursor
 from app.people.access.page_rules import STUDY_PAGES
 from app.records.remeasurements import remeasurements
 from app.records.remeasurements.api import get_remeasured_items
-from app.records.remeasurements.choose_pairs import Selection
+from app.records.remeasurements.queries import Selection
 from app.records.remeasurements.remeasurements import RemeasurementView, Requester
-from app.records.remeasurements.render import render_plan, render_remeasurement, render_row
-from app.records.remeasurements.schemas import RemeasurementIn, RemeasurementPlanOut
+from app.records.remeasurements.schemas import (
+    RemeasurementIn,
+    RemeasurementPlanOut,
+    render_plan,
+    render_remeasurement,
+    render_row,
+)
 
 router = APIRouter(include_in_schema=False, route_class=ListRoute)
 

@@ -30,9 +30,9 @@ from app.people.access.page_rules import MEAL
 from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
 from app.records import photographs_api as photographs
-from app.records.meal_story import MealStory, read_story
 from app.records.read_meal import read_meal
 from app.records.render import render_meal
+from app.records.review.meal_history import MealStory, read_story
 
 router = APIRouter(include_in_schema=False)
 

@@ -13,8 +13,7 @@ from app.meals.stored.job_models import Job
 from app.meals.stored.outline_json import rings_of
 from app.meals.stored.record_models import Run
 from app.photos.slots import PAIR_SLOTS, VOICE_NOTE
-from app.records.meal_story import MealStory
-from app.records.review.meal_history import HistoryRow
+from app.records.review.meal_history import HistoryRow, MealStory
 
 SERVER = "server"
 TITLES: Mapping[str, str] = {

@@ -7,7 +7,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.db.statements import AnyColumn
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.record_models import EffectiveRecord
 from app.people.models import Participant
 from app.people.privacy_models import Tombstone

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import CHANGE_SEQ, PARTICIPANT
-from app.meals.stored.day_models import DayStatus
+from app.meals.stored.event_models import DayStatus
 from app.records.schemas import RecordOfItem
 
 

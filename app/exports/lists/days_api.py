@@ -34,7 +34,7 @@ from app.http.paging import Cursor, Limit, next_page, require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay
-from app.meals.stored.day_models import DayEventKind
+from app.meals.stored.event_models import DayEventKind
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 
 router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)

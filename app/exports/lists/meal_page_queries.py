@@ -19,7 +19,7 @@ from app.db.statements import AnyColumn, Condition, Conditions
 from app.http.row_filter import RowFilter
 from app.meals.stored.models import MEAL_ORIGINS, MEAL_STATUSES, Meal
 from app.meals.stored.record_models import EffectiveRecord
-from app.records import conditions as conditions_of
+from app.records import page_queries as conditions_of
 from app.records.page_queries import (
     MOST_BRANCHES,
     Branch,

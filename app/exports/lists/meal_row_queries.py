@@ -18,8 +18,7 @@ from app.http.row_filter import RowFilter
 from app.meals.stored.models import MEAL_STATUSES, Meal, MealImage
 from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Participant, Study
-from app.records.conditions import holds
-from app.records.page_queries import Key
+from app.records.page_queries import Key, holds
 
 
 class HeldRecord(NamedTuple):

@@ -1,7 +1,8 @@
 """Choose a meal's camera or rig, in order: from its metadata, its phone's calibration, that of the model, the study's.
 
-A calibration that does not fit the photographs (another aspect ratio) is skipped. A camera or rig of the meal's
-metadata never is, so that a wrong one is reported. If there is no camera, EXIF gives the focal length.
+A calibration that does not fit the photographs (another aspect ratio) is skipped. A camera or rig
+of the meal's metadata never is, so that a wrong one is reported. If there is no camera, EXIF gives
+the focal length.
 """
 
 import uuid
@@ -72,10 +73,11 @@ def choose_rig(
 ) -> ChosenCamera | None:
     """Choose the rig for a pair of the meal; None: the marker, the poses or a depth map give the scale.
 
-    sizes: of all of its photographs. A marker of the meal's own metadata goes before stored rigs, and these go before
-    the study's marker. There, a rig serves only meals that came after it and name no camera or poses of their own: the
-    others were taken by hand beside the marker. If no stored rig fits and nothing else gives the scale, the first is
-    chosen, so that the mismatch is reported.
+    sizes: of all of its photographs. A marker of the meal's own metadata goes before stored rigs,
+    and these go before the study's marker. There, a rig serves only meals that came after it and
+    name no camera or poses of their own: the others were taken by hand beside the marker. If no
+    stored rig fits and nothing else gives the scale, the first is chosen, so that the mismatch is
+    reported.
     """
     own = meal.details.get("rig")
     if own is not None:

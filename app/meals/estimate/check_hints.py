@@ -1,7 +1,7 @@
 """Check a phone's hints: vessels of the study's library, foods of a table in force, places within the photograph.
 
-An impossible hint is refused while the app can still correct it. A hint that is merely wrong is kept and its item is
-flagged (`hint_missed`); so is a hint whose photograph arrives after it.
+An impossible hint is refused while the app can still correct it. A hint that is merely wrong is
+kept and its item is flagged (`hint_missed`); so is a hint whose photograph arrives after it.
 """
 
 import uuid
@@ -25,7 +25,8 @@ def require_valid_hints(
 ) -> None:
     """Raise InvalidInputError (`vessel_unknown`, `food_unknown`, `hint_outside`) for the first hint that cannot be.
 
-    photo: the one that the hints point at; None: it has not arrived, so their places are not checked.
+    photo: the one that the hints point at; None: it has not arrived, so their places are not
+    checked.
     """
     require_known_vessels(session, study_id, hints)
     keys = {hint["food"] for hint in hints if hint.get("food")}

@@ -3,10 +3,8 @@
 from collections.abc import Mapping
 
 from app.children.child import Task
-from app.meals.estimate.calibrate_task import calibrate_task
-from app.meals.estimate.check_task import check_task
-from app.meals.estimate.describe_regions import classify_task, describe_task
-from app.meals.estimate.picture_task import picture_task
+from app.meals.estimate.calibrate import calibrate_task
+from app.meals.estimate.photo_tasks import check_task, classify_task, describe_task, picture_task
 from app.meals.estimate.receive_task import inspect_task, receive_task
 from app.meals.estimate.run_estimate import estimate_task
 

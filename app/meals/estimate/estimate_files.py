@@ -9,8 +9,7 @@ from app.candidates.identify_photo import identify_items
 from app.core.errors import InvalidInputError
 from app.foods.food_amounts import amounts_of
 from app.meals.estimate.estimate_json import hint_from_json, options_from_json, with_forms
-from app.meals.estimate.read_photographs import DepthFiles
-from app.meals.estimate.run_estimate import run_estimate
+from app.meals.estimate.run_estimate import DepthFiles, run_estimate
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
 from app.vision.depth_camera import depth_camera_from_mapping

@@ -63,7 +63,8 @@ def options_to_json(options: EstimateOptions) -> dict[str, object]:
 def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
     """The reverse of options_to_json.
 
-    Raises InvalidInputError for a marker, camera, rig or poses that cannot be, and if none of them gives the scale.
+    Raises InvalidInputError for a marker, camera, rig or poses that cannot be, and if none of them
+    gives the scale.
     """
     if not value.get("depth") and all(value.get(key) is None for key in ("marker", "rig", "poses")):
         raise InvalidInputError(

@@ -1,6 +1,7 @@
 """The work of a job: fetch the sealed photographs, estimate in a child, seal the answer; then save it exactly once.
 
-Used by job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends the job.
+Used by job_runner.py, which calls `compute`, then `load`, and `save` in the transaction that ends
+the job.
 """
 
 import hashlib

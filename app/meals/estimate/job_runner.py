@@ -1,11 +1,13 @@
 """Run one job: compute the estimate, then save it in one transaction with the job's end.
 
-An estimate may be computed twice, if a worker dies; it is saved once: during that transaction the worker's lease is
-held, and the job is locked, unfinished and still claimed by this worker. The key of the computed result is kept in the
-job's row, so that a worker which takes the job over only has to save it.
+An estimate may be computed twice, if a worker dies; it is saved once: during that transaction the
+worker's lease is held, and the job is locked, unfinished and still claimed by this worker. The key
+of the computed result is kept in the job's row, so that a worker which takes the job over only has
+to save it.
 
-A job whose files meet a passing fault is put off, so that others go on. A fault of the database is waited out.
-A step that fails by a bug is retried a few times; then the meal fails, and the worker goes on.
+A job whose files meet a passing fault is put off, so that others go on. A fault of the database is
+waited out. A step that fails by a bug is retried a few times; then the meal fails, and the worker
+goes on.
 """
 
 import threading

@@ -63,7 +63,8 @@ def inspect_task(arguments: Arguments, _: StageListener) -> Json:
 def receive_task(arguments: Arguments, _: StageListener) -> Json:
     """Return a file's facts, the file without location, or the failure for which it is refused.
 
-    Answers {"is_costly": true} instead, and leaves the file alone, if it takes long and the request may not.
+    Answers {"is_costly": true} instead, and leaves the file alone, if it takes long and the request
+    may not.
     """
     request = _ReceiveRequest.model_validate(arguments)
     if request.slot == VOICE_NOTE:

@@ -12,7 +12,7 @@ from sqlalchemy.orm import Session
 from app.foods.models import Food
 from app.meals.stored.event_models import MealEvent
 from app.meals.stored.identification_models import ItemIdentification
-from app.meals.stored.job_models import LIVE_STATES, Job
+from app.meals.stored.job_models import LIVE_STATES, PAIRS, Job
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import (
     EffectiveRecord,
@@ -23,7 +23,6 @@ from app.meals.stored.record_models import (
     Leftover,
     Run,
 )
-from app.meals.stored.remeasurement_models import PAIRS
 
 FROM_HINT, FROM_INDEX, FROM_MODEL = "hint", "index", "model"  # sources of candidates
 

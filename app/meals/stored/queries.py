@@ -7,7 +7,7 @@ from datetime import date, datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session, undefer
 
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal, MealImage
 from app.people.models import Participant, Study

@@ -416,8 +416,9 @@ class EffectiveRecord(HeadlineAmounts, Base):
             sqlite_where=sa.text("status <> 'rejected' AND reviewed IS 0"),
             postgresql_where=sa.text("status <> 'rejected' AND reviewed IS false"),
         ),
-        # those that need a look (records/conditions.py), for the review queue and lists of meals; the index before, and
-        # that of all reviewed, are for code before these, dropped a release after
+        # those that need a look (records/page_queries.py), for the review queue and lists of
+        # meals; the index before, and that of all reviewed, are for code before these, dropped a
+        # release after
         sa.Index(
             "ix_effective_record_look_queue",
             *("study_id", "reviewed", "status", "doubt", "item_id"),

@@ -102,3 +102,14 @@ class RunAnswer(_Answer):
     def write(self) -> bytes:
         """Return the bytes to seal."""
         return self.model_dump_json(exclude_unset=True).encode()
+
+
+# The width of the small pictures of a pair's photographs among a run's artefacts, so that a gallery need not decode
+# photographs. They are upright, colour-corrected by the marker and without metadata, like those of serve_photo.py at
+# this width; like other artefacts they are served with an entry in the audit log, erased, and backed up.
+THUMBNAIL_PX = 320
+
+
+def thumbnail_name(slot: str) -> str:
+    """Return the artefact's name in a run on the slot's pair."""
+    return f"thumbnail_{slot.removeprefix('after_')}.jpg"

@@ -1,10 +1,10 @@
 """Receive the after-meal pair, part by part, any part again, until its metadata and both photographs are here.
 
-The rules are those of the meal's own pair (submit_meal.py): photographs are sealed first, then written in one
-transaction; the same bytes again change nothing, other bytes are refused. Two differences: metadata may be replaced
-as long as no photograph is stored, since the phone may have lost those that it announced; a pair that failed may be
-replaced by another, since the meal cannot be eaten again; its photographs are then erased. The meal's own status never
-changes here.
+The rules are those of the meal's own pair (submit_meal.py): photographs are sealed first, then
+written in one transaction; the same bytes again change nothing, other bytes are refused. Two
+differences: metadata may be replaced as long as no photograph is stored, since the phone may have
+lost those that it announced; a pair that failed may be replaced by another, since the meal cannot
+be eaten again; its photographs are then erased. The meal's own status never changes here.
 """
 
 import uuid
@@ -142,8 +142,9 @@ class SubmitAfterPair:
     def announce(self, caller: DeviceCaller, client_id: uuid.UUID, metadata: AfterMetadata) -> bool:
         """Keep the pair's metadata, before its second photograph. Returns whether something was added.
 
-        Raises NotFoundError, GoneError, InvalidInputError (before the meal), ConflictError (other metadata are here
-        with a photograph; the pair is queued already; the meal has no photographs).
+        Raises NotFoundError, GoneError, InvalidInputError (before the meal), ConflictError (other
+        metadata are here with a photograph; the pair is queued already; the meal has no
+        photographs).
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
         return self._keep(caller, _Upload(meal_id, metadata.details(), metadata.time.captured_at))
@@ -153,9 +154,9 @@ class SubmitAfterPair:
     ) -> bool:
         """Keep photographs by slot, and queue the pair once both are here. Returns whether something was added.
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is kept),
-        NotFoundError, GoneError, ConflictError (another photograph is here; the meal has none), StorageFullError,
-        UnavailableError.
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is
+        kept), NotFoundError, GoneError, ConflictError (another photograph is here; the meal has
+        none), StorageFullError, UnavailableError.
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
         with self._database.read() as session:
@@ -314,3 +315,42 @@ def _blob_key(
     """A later attempt has its own keys: the same bytes may be sent again while those of the failed one are deleted."""
     again = f"{attempt}/" if attempt else ""
     return f"{study_id}/{meal_id}/{slot}/{again}{photo.stored_sha256}"
+
+
+BATCH = 100
+
+
+class AfterWindows:
+    """The chore of one process."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def close_due(self) -> int:
+        """End at most BATCH windows that are over, each in its own transaction. Returns their number.
+
+        A pair that is queued or being measured ends its window itself.
+        """
+        now, closed = datetime.now(UTC), 0
+        with self._database.read() as session:
+            due = meals.after_windows_over(session, now, BATCH)
+        for meal_id in due:
+            closed += self._close(meal_id, now)
+        return closed
+
+    def _close(self, meal_id: uuid.UUID, now: datetime) -> bool:
+        with self._database.write() as session:
+            meal = meals.lock_meal(session, meal_id)
+            if meal is None or not _is_over(meal, now):
+                return False
+            meal.after_due_at = None
+            project_meal(session, meal)
+        return True
+
+
+def _is_over(meal: Meal, now: datetime) -> bool:
+    return (
+        meal.after_due_at is not None
+        and meal.after_due_at <= now
+        and meal.after_status not in meals.WAITING
+    )

@@ -12,7 +12,6 @@ from app.http.problems import problem_responses
 from app.http.upload import MAX_METADATA_BYTES
 from app.meals.stored.meal_time import meal_time
 from app.meals.upload.after_meal import AfterMetadata, SubmitAfterPair
-from app.meals.upload.after_schemas import AfterMetadataIn
 from app.meals.upload.api import (
     SUBMIT_RESPONSES,
     camera_details,
@@ -20,6 +19,7 @@ from app.meals.upload.api import (
     meal_response,
     poses_details,
 )
+from app.meals.upload.schemas import AfterMetadataIn
 from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import MealView, read_meal
 

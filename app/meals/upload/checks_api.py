@@ -12,7 +12,7 @@ from app.http.problems import problem_responses
 from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, require_room
 from app.meals.upload.api import camera_details
 from app.meals.upload.check_pair import CheckedPair, CheckRequest, check_pair
-from app.meals.upload.check_schemas import CheckMetadataIn, CheckOut, CheckProblemOut
+from app.meals.upload.schemas import CheckMetadataIn, CheckOut, CheckProblemOut
 from app.people.access.deps import CurrentDevice, State
 from app.photos.slots import PAIR_SLOTS
 

@@ -1,7 +1,7 @@
 """Enter a meal without photographs: the participant states foods and amounts, and each becomes an item by an event.
 
-The meal is confirmed at once, unless an amount is missing. As with photographs, the same id again is the same meal, and
-an erased meal cannot be sent again.
+The meal is confirmed at once, unless an amount is missing. As with photographs, the same id again
+is the same meal, and an erased meal cannot be sent again.
 """
 
 import uuid
@@ -20,7 +20,7 @@ from app.meals.stored.item_state import fold_meal
 from app.meals.stored.meal_parts import MealParts
 from app.meals.stored.meal_time import MealTime
 from app.meals.stored.models import DeclaredItemDetails, Meal, MealDetails
-from app.meals.upload.declared_schemas import DeclaredItemIn
+from app.meals.upload.schemas import DeclaredItemIn
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import DeviceCaller
@@ -31,10 +31,9 @@ from app.people.participants import require_in_study
 from app.people.tombstones import meal_id_of, require_not_deleted
 from app.records.project_records import project_meal
 from app.records.review.meal_events import insert_event
-from app.records.review.review_context import ReviewContext
+from app.records.review.review_context import DECLARED_SD, ReviewContext
 from app.records.review.review_meal import add
 from app.records.review.schemas import AddIn
-from app.records.review.stated_amounts import DECLARED_SD
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from fastapi.responses import JSONResponse
 from app.http.problems import problem_responses
 from app.meals.stored.meal_time import meal_time
 from app.meals.upload.declare_meal import DeclaredMeal, DeclareMeal
-from app.meals.upload.declared_schemas import DeclaredMealIn
+from app.meals.upload.schemas import DeclaredMealIn
 from app.people.access.deps import CurrentDevice, State
 from app.records.meal_schemas import MealOut
 from app.records.read_meal import read_meal

@@ -8,9 +8,8 @@ from fastapi.responses import JSONResponse
 from app.http.parameters import MealId, OfWhichParticipant
 from app.http.problems import problem_responses
 from app.jobs.queue import JobQueue
-from app.meals.estimate.retry_meal import retry_meal
 from app.meals.upload.api import meal_response
-from app.meals.upload.cancel_meal import cancel_meal
+from app.meals.upload.cancel_or_retry import cancel_meal, retry_meal
 from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.records.meal_schemas import MealOut
 

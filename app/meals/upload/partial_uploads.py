@@ -1,7 +1,8 @@
 """Photographs that arrive in pieces: one file per meal and slot, which grows over several requests and restarts.
 
-A file is never complete here. When its last byte has come it is submitted as a photograph and removed; until that has
-worked, the last byte counts as missing, so that the phone sends it again and with it asks for the submission.
+A file is never complete here. When its last byte has come it is submitted as a photograph and
+removed; until that has worked, the last byte counts as missing, so that the phone sends it again
+and with it asks for the submission.
 """
 
 import fcntl
@@ -89,7 +90,8 @@ class PartialUploads:
     def opened(self, key: UploadKey, offset: int) -> Iterator["OpenUpload"]:
         """Open an upload to append at this offset; nobody else appends meanwhile.
 
-        Raises NotFoundError, UnavailableError (`upload_busy`), ConflictError (`upload_offset_differs`).
+        Raises NotFoundError, UnavailableError (`upload_busy`), ConflictError
+        (`upload_offset_differs`).
         """
         try:
             file = self._path(key).open("rb+")

@@ -1,7 +1,7 @@
 """/v1/meals/{id}/images/{slot}/upload: one photograph in several requests, by tus 1.0 (docs/apps.md).
 
-A photograph has one upload, so its address needs no id and a phone that lost an answer still knows it. The last byte
-submits the photograph as PUT does; only then is it on the server's disk.
+A photograph has one upload, so its address needs no id and a phone that lost an answer still knows
+it. The last byte submits the photograph as PUT does; only then is it on the server's disk.
 """
 
 import base64

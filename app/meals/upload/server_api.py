@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request
 from app import __version__
 from app.http.upload import IMAGE_TYPES, MAX_METADATA_BYTES
 from app.meals.upload.api import MAX_WAIT_SECONDS
-from app.meals.upload.server_schemas import ServerLimitsOut, ServerOut
+from app.meals.upload.schemas import ServerLimitsOut, ServerOut
 from app.people.access.deps import State
 from app.records.meal_schemas import MAX_HINTS, HintIn, NewMealMetadataIn
 

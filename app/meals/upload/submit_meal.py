@@ -1,8 +1,9 @@
 """Receive a phone's meal, whole or part by part, and queue its estimate once all of its photographs are here.
 
-Photographs are sealed in the blob store first; then meal, photographs and job are written in one transaction. What is
-acknowledged is on disk; what is sent again is recognised by its SHA-256. A request that fails after sealing leaves its
-blob: another request of the same meal may have just sealed the same key, so deleting it here could lose a photograph.
+Photographs are sealed in the blob store first; then meal, photographs and job are written in one
+transaction. What is acknowledged is on disk; what is sent again is recognised by its SHA-256. A
+request that fails after sealing leaves its blob: another request of the same meal may have just
+sealed the same key, so deleting it here could lose a photograph.
 """
 
 import json
@@ -78,8 +79,9 @@ COMPARED = (  # equal in a repetition
 class MealMetadata:
     """The checked metadata of a meal.
 
-    location: WGS84, degrees. views: number of photographs. depth_maps: their slots. unknown: fields that no
-    model has, by their place. wanted_outcome: how the estimate is to end, by a MetadataHook.
+    location: WGS84, degrees. views: number of photographs. depth_maps: their slots. unknown: fields
+    that no model has, by their place. wanted_outcome: how the estimate is to end, by a
+    MetadataHook.
     """
 
     client_id: uuid.UUID
@@ -139,9 +141,9 @@ class SubmitMeal:
     ) -> Submitted:
         """Keep the metadata and the photographs, by slot. metadata None: the meal must exist.
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is kept),
-        NotFoundError, ConflictError (the id has other content), GoneError (deleted, or its participant has left),
-        StorageFullError, UnavailableError.
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError (nothing is
+        kept), NotFoundError, ConflictError (the id has other content), GoneError (deleted, or its
+        participant has left), StorageFullError, UnavailableError.
         """
         meal_id = meal_id_of(caller.participant_id, client_id)
         bind_log_context(meal_id=str(meal_id))

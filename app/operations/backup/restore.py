@@ -21,8 +21,7 @@ from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.db.bulk import insert_into
 from app.db.session import Database
-from app.jobs.queue import JobQueue
-from app.jobs.sweep import sweep
+from app.jobs.queue import JobQueue, sweep
 from app.meals.stored.job_models import Job
 from app.operations.backup.archive import Backup, Manifest, ReportProgress, broken, members
 from app.operations.backup.blob_files import store_blobs

@@ -8,8 +8,7 @@ from app import __version__
 from app.candidates import queries as vectors
 from app.exports.releases import queries as releases
 from app.jobs import queries as jobs
-from app.jobs.queue import JobQueue
-from app.jobs.sweep import sweep
+from app.jobs.queue import JobQueue, sweep
 from app.metrics.instruments import SERVER_FAILURES
 from app.operations import doctor_queries as doctor
 from app.operations.doctor.finding import LISTED, Deployment, Verdict, bad, note, ok

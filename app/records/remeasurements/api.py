@@ -12,9 +12,8 @@ from app.http.problems import problem_responses
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
 from app.records.remeasurements import remeasurements
-from app.records.remeasurements.choose_pairs import MOST_MEALS, Selection
+from app.records.remeasurements.queries import MOST_MEALS, Selection
 from app.records.remeasurements.remeasurements import Requester
-from app.records.remeasurements.render import render_plan, render_remeasurement, render_row
 from app.records.remeasurements.schemas import (
     LIMIT,
     MEALS,
@@ -23,6 +22,9 @@ from app.records.remeasurements.schemas import (
     RemeasurementList,
     RemeasurementOut,
     RemeasurementPlanOut,
+    render_plan,
+    render_remeasurement,
+    render_row,
 )
 
 router = APIRouter(tags=["remeasurements"], route_class=ListRoute)

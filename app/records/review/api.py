@@ -1,23 +1,35 @@
-"""/v1/meals/{meal_id}/events: events of the participant and reviewers about a meal, and their history."""
+"""/v1/meals/{meal_id}/events, /v1/studies/{study}/review-queue and /v1/me/questions.
 
-from typing import Any
+Events of the participant and reviewers about a meal, and their history; what reviewers look at first; what they want
+to know of the participant.
+"""
 
-from fastapi import APIRouter, Request
+from typing import Annotated, Any, Literal
+from urllib.parse import quote
+
+from fastapi import APIRouter, Query, Request
 
 from app.http.conditions import IfMatch, expected_versions
+from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import MealId, OfWhichParticipant
+from app.http.parameters import MealId, OfParticipant, OfWhichParticipant, StudyCode
 from app.http.problems import problem_responses
-from app.people.access.deps import CurrentCaller, State
+from app.meals.stored.models import MealOrigin
+from app.meals.stored.record_models import EffectiveRecord
+from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
+from app.people.studies import read_study
 from app.records.meal_schemas import MealOut
 from app.records.read_meal import MealView
-from app.records.render import render_meal
+from app.records.render import food_ref, render_candidates, render_meal, shared_columns
 from app.records.review.meal_events import MealEvents
 from app.records.review.meal_history import HistoryRow, read_history
+from app.records.review.queries import QueueFilter
+from app.records.review.queue_schemas import QuestionList, QuestionOut, QueuedItemOut, ReviewQueue
+from app.records.review.review_items import QueuedItem, open_questions, read_queue
 from app.records.review.schemas import EventIn, EventList, EventOut
 
-router = APIRouter(prefix="/v1/meals", tags=["review"])
+router = APIRouter(tags=["review"])
 
 EVENT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same event as before: nothing was changed."},
@@ -27,7 +39,7 @@ EVENT_RESPONSES: dict[int | str, dict[str, Any]] = {
 
 
 @router.post(
-    "/{meal_id}/events", status_code=201, response_model=MealOut, responses=EVENT_RESPONSES
+    "/v1/meals/{meal_id}/events", status_code=201, response_model=MealOut, responses=EVENT_RESPONSES
 )
 def post_event(
     meal_id: MealId,
@@ -44,7 +56,7 @@ def post_event(
     return tagged_meal(view, 201 if is_new else 200)
 
 
-@router.get("/{meal_id}/events", responses=problem_responses(401, 403, 404, 409, 422))
+@router.get("/v1/meals/{meal_id}/events", responses=problem_responses(401, 403, 404, 409, 422))
 def get_events(
     request: Request,
     meal_id: MealId,
@@ -79,3 +91,91 @@ def _event(row: HistoryRow) -> EventOut:
         undone=row.is_undone,
         created_at=event.created_at,
     )
+
+
+@router.get("/v1/me/questions", responses=problem_responses(401, 403))
+def get_questions(state: State, caller: CurrentDevice) -> QuestionList:
+    """Questions that wait for an answer: an event of kind `answer` of the meal."""
+    return QuestionList(
+        items=[
+            QuestionOut(
+                id=event.id,
+                meal=meal.client_id,
+                item=event.item_id,
+                text=event.new["text"],
+                asked_at=event.created_at,
+                captured_at=meal.captured_at,
+                local_date=meal.local_date,
+                etag=f'"{meal.version}"',
+            )
+            for event, meal in open_questions(state.database, caller)
+        ]
+    )
+
+
+lists = APIRouter(route_class=ListRoute)
+
+QUEUED_COLUMNS = shared_columns(EffectiveRecord, QueuedItemOut)
+
+
+@lists.get("/v1/studies/{study}/review-queue", responses=problem_responses(401, 403, 404, 422))
+def get_review_queue(
+    request: Request,
+    study: StudyCode,
+    state: State,
+    _: CurrentStaff,
+    status: Annotated[
+        Literal["proposed", "needs_review", "confirmed", "corrected"] | None,
+        Query(description="Only items of this status."),
+    ] = None,
+    food: Annotated[str | None, Query(max_length=100, description="A food's key.")] = None,
+    min_doubt: Annotated[
+        float | None, Query(ge=0, le=1, description="Only items of at least this doubt.")
+    ] = None,
+    provisional: Annotated[
+        bool | None, Query(description="Whether an after-meal pair may still come.")
+    ] = None,
+    participant: OfParticipant = None,
+    origin: Annotated[
+        MealOrigin | None, Query(description="Only items of meals photographed, or declared.")
+    ] = None,
+    limit: Annotated[int, Query(ge=1, le=200, description="Items of a page, at most.")] = 50,
+    cursor: Cursor = None,
+) -> ReviewQueue:
+    """Items that need a look, by doubt, the greatest first: not settled by a reviewer, nor by a complete text entry."""
+    chosen = QueueFilter(
+        study_id=read_study(state.database, study).id,
+        status=status,
+        food_key=food,
+        min_doubt=min_doubt,
+        provisional=provisional,
+        participant_code=participant,
+        origin=origin,
+    )
+    page = read_queue(state.database, chosen, cursor=cursor, limit=limit)
+    return ReviewQueue(
+        items=[_queued_item(queued) for queued in page.rows], next=next_page(request, page.cursor)
+    )
+
+
+def _queued_item(queued: QueuedItem) -> QueuedItemOut:
+    row, record = queued.row, queued.row.record
+    path, whose = f"/v1/meals/{row.meal.client_id}", f"?participant={quote(row.participant_code)}"
+    return QueuedItemOut(
+        **{name: getattr(record, name) for name in QUEUED_COLUMNS},
+        item=record.item_id,
+        meal=row.meal.client_id,
+        participant=row.participant_code,
+        food=food_ref(row.food),
+        candidates=render_candidates(queued.candidates),
+        none_of_these=queued.candidates.none_probability,
+        volume_interval_ml=record.interval("volume", "ml"),
+        mass_interval_g=record.interval("mass", "g"),
+        consumed_interval_g=record.interval("consumed", "g"),
+        etag=f'"{row.meal.version}"',
+        meal_href=f"{path}{whose}",
+        photograph_href=f"{path}/images/left{whose}" if row.meal.origin == "photographed" else None,
+    )
+
+
+router.include_router(lists)

@@ -35,7 +35,7 @@ from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, lock_meal_of, meal_view
 from app.records.review import review_item, review_meal
-from app.records.review.review_context import Change, ReviewContext
+from app.records.review.review_context import STATED_SD, Change, ReviewContext
 from app.records.review.schemas import (
     AddIn,
     AnswerIn,
@@ -59,7 +59,6 @@ from app.records.review.schemas import (
     UndoIn,
     item_of,
 )
-from app.records.review.stated_amounts import STATED_SD
 
 MAX_EVENTS = 1000  # of a meal; each event reads them all
 MAX_ITEMS = 200  # of a meal, including those that were split, merged and undone

@@ -12,8 +12,7 @@ from app.meals.stored.event_models import MealEvent
 from app.meals.stored.models import Meal, MealImage, MealOrigin
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Participant, Staff
-from app.records.conditions import meal_is, needs_look
-from app.records.page_queries import MOST_BRANCHES, food_ids, participants_of
+from app.records.page_queries import MOST_BRANCHES, food_ids, meal_is, needs_look, participants_of
 
 QUEUED_STATUSES = tuple(status for status in RECORD_STATUSES if status != "rejected")
 MOST_MEALS = 1000  # that need a look, as they are counted

@@ -10,6 +10,8 @@ from app.foods.models import Food
 from app.meals.stored.item_state import ItemState
 from app.records.queries import artefacts_of, last_runs
 from app.records.review.review_context import (
+    DECLARED_SD,
+    STATED_SD,
     Change,
     ReviewContext,
     assign_food,
@@ -18,6 +20,7 @@ from app.records.review.review_context import (
     new_item,
     remeasure_job,
     require_complete,
+    stated_amount,
 )
 from app.records.review.schemas import (
     MOST_ML,
@@ -32,7 +35,6 @@ from app.records.review.schemas import (
     SetShareIn,
     SetVolumeIn,
 )
-from app.records.review.stated_amounts import DECLARED_SD, STATED_SD, stated_amount
 from app.vision.hand_form import hand_form_ml
 
 SCENE = "scene.json"  # written by vision/scene_file.py, which an API process does not import

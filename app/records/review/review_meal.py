@@ -28,6 +28,7 @@ from app.records.project_records import AFTER_MEASURED
 from app.records.review.review_context import (
     Change,
     ReviewContext,
+    StatedAmount,
     assign_food,
     copy_food,
     drawn_rings,
@@ -36,6 +37,7 @@ from app.records.review.review_context import (
     new_item,
     remeasure_job,
     require_complete,
+    stated_amount,
 )
 from app.records.review.schemas import (
     AddIn,
@@ -48,7 +50,6 @@ from app.records.review.schemas import (
     SplitIn,
     UndoIn,
 )
-from app.records.review.stated_amounts import StatedAmount, stated_amount
 
 SMALLEST = 0.001  # grams or millilitres, the least that any event may state
 SPLIT_SD = 0.3  # of a share estimated by eye: a half is right to 15 %, nine tenths to 3 %

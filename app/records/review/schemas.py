@@ -10,7 +10,7 @@ from app.http.field_descriptions import EVENT_KIND, PAGE
 from app.http.text_schemas import Number, Text
 from app.meals.stored.event_models import EventKind, Layer
 from app.nutrition.foods import FoodForm
-from app.records.outline_schemas import Pixel, Polygon
+from app.records.schemas import Pixel, Polygon
 from app.vision.hand_form import HandSection
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333

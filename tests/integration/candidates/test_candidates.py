@@ -9,7 +9,7 @@ from app.meals.stored.identification_models import IndexEntry, ItemIdentificatio
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.foods.models import Component, Food, FoodNutrient
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.nutrition.components import HEADLINES
 from app.people.models import Participant, Study
 from tests.integration.diary.eaten_days import add_meal, eaten_item

@@ -7,10 +7,10 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.diary.closed_amounts import closed_amounts, contents_of_days
+from app.diary.adequacy import closed_amounts, contents_of_days
 from app.diary.day_definition import DaysOf, participants_of
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.people.models import Device, Participant, Study

@@ -11,7 +11,7 @@ from app.diary.queries import page_of_days
 from app.exports.lists.day_values import day_values
 from app.exports.live_tables import live_tables
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.event_models import DayEvent, DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.nutrition.components import HEADLINE_COLUMNS

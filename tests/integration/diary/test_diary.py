@@ -6,7 +6,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.diary.diary import effective_event
-from app.meals.stored.day_models import DayEvent, DiaryDay
+from app.meals.stored.event_models import DayEvent, DiaryDay
 from app.meals.stored.meal_time import latest_day
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from app.nutrition.components import HEADLINE_COLUMNS, HEADLINES
 from app.people.models import Study
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 
 pytestmark = pytest.mark.slow
 

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from app.http import paging
 from app.http.paging import encode_cursor
-from app.meals.stored.remeasurement_models import Remeasurement
+from app.meals.stored.job_models import Remeasurement
 from app.outbox.models import Webhook
 from app.people.models import Study
 from tests.support.photographs import pair

@@ -14,7 +14,7 @@ from app.diary import queries as days
 from app.diary.queries import page_of_days
 from app.foods.models import Food, FoodRelease
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
 from app.records import page_queries as record_pages

@@ -22,7 +22,7 @@ from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.jobs.chores import Chore
 from app.jobs.times import WorkerTimes
-from app.meals.estimate.worker_process import run_jobs
+from app.meals.estimate.job_worker import run_jobs
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.people.models import Device, Participant, Study

@@ -1,7 +1,7 @@
 import pytest
 
 from app.jobs.queries import MAX_TAKEOVERS
-from app.jobs.sweep import sweep
+from app.jobs.queue import sweep
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from tests.integration.jobs.fakes import new_meal, new_unqueued_job

@@ -20,7 +20,7 @@ from app.db.migrate import upgrade
 from app.db.schema_state import current_revision, head_revision
 from app.foods.models import Food
 from app.jobs import queries as jobs
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import RunArtefact
@@ -33,7 +33,7 @@ from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretKeyError
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.retention import erase_old_pictures
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from app.storage.blob_store import StoreRefusesError
 from tests.conftest import postgres_database, s3_settings
 from tests.integration.conftest import meal_metadata

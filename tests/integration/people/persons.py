@@ -16,19 +16,17 @@ from app.exports.releases.file_runner import FileRunner
 from app.exports.releases.release_filters import ReleaseFilters
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
-from app.meals.stored.day_models import DayEvent, DiaryDay
-from app.meals.stored.event_models import MealEvent
+from app.meals.stored.event_models import DayEvent, DiaryDay, MealEvent
 from app.meals.stored.identification_models import IndexEntry, ItemIdentification
-from app.meals.stored.job_models import Job
+from app.meals.stored.job_models import Job, RemeasuredItem, RemeasuredPair, Remeasurement
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import Item, ItemCandidate, ItemFood, ItemMeasure, Leftover, Run, RunArtefact
-from app.meals.stored.remeasurement_models import RemeasuredItem, RemeasuredPair, Remeasurement
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.caller import sha256_hex
 from app.people.access.secret_box import SecretBox
 from app.people.calibration_models import CameraCalibration
 from app.people.models import Enrolment, Participant, PushSubscription, Staff, Study
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from tests.integration.conftest import Phone, meal_metadata
 from tests.support import estimates

@@ -16,7 +16,7 @@ from app.people.access.secret_box import SecretKeyError
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser
 from app.privacy.reapply_erasures import reapply_erasures
-from app.records.rebuild_records import Rebuilt, rebuild_records
+from app.records.recompute_records import Rebuilt, rebuild_records
 from app.storage.opening import open_blob_store
 from tests.integration.people.persons import (
     FILE_TABLES,

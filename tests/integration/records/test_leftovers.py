@@ -8,8 +8,8 @@ import pytest
 
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Leftover
-from app.meals.upload.after_windows import AfterWindows
-from app.records.rebuild_records import rebuild_records
+from app.meals.upload.after_meal import AfterWindows
+from app.records.recompute_records import rebuild_records
 from tests.integration.records.after_pairs import (
     HINTS,
     RED,
@@ -311,7 +311,7 @@ def test_windows_end_in_bounded_batches(enrol, state, monkeypatch):
     phone = enrol("P004", "many", expects_after_pair=True)
     for seed in range(3):
         Table(phone, state, seed=seed).measured()
-    monkeypatch.setattr("app.meals.upload.after_windows.BATCH", 2)
+    monkeypatch.setattr("app.meals.upload.after_meal.BATCH", 2)
     chore = AfterWindows(state.database)
     assert [chore.close_due(), chore.close_due(), chore.close_due()] == [2, 1, 0]
 

@@ -17,7 +17,7 @@ from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.access.caller import DeviceCaller, StaffCaller
 from app.people.models import Device, Participant, Staff
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from app.records.review.meal_events import MealEvents
 from app.records.review.schemas import EventIn
 from tests.integration.conftest import meal_metadata

@@ -8,8 +8,7 @@ import sqlalchemy as sa
 from app.meals.stored.identification_models import IndexEntry
 from app.meals.stored.meal_parts import parts_of
 from app.meals.stored.record_models import EffectiveRecord, ItemFood
-from app.records.rebuild_records import rebuild_records
-from app.records.recompute_records import recompute_nutrients
+from app.records.recompute_records import rebuild_records, recompute_nutrients
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates
@@ -30,8 +29,8 @@ def recompute(state):
 
 
 @pytest.mark.both_stores
-@pytest.mark.parametrize(("module", "build"), [("rebuild_records", rebuild), ("recompute_records", recompute)])
-def test_confirmation_during_a_rebuild_stays_in_record_and_index(phone, state, client, monkeypatch, module, build):
+@pytest.mark.parametrize("build", [rebuild, recompute])
+def test_confirmation_during_a_rebuild_stays_in_record_and_index(phone, state, client, monkeypatch, build):
     body = meal_metadata()
     assert phone.post(pair(), body).status_code == 202
     estimates.save(state, body["id"], identified_item({"apple": 0.9}))
@@ -48,7 +47,7 @@ def test_confirmation_during_a_rebuild_stays_in_record_and_index(phone, state, c
         return parts
 
     with monkeypatch.context() as patch:
-        patch.setattr(f"app.records.{module}.parts_of", read_slowly)
+        patch.setattr("app.records.recompute_records.parts_of", read_slowly)
         build(state)
     (word,) = words
     word.join()

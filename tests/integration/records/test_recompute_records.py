@@ -22,8 +22,7 @@ from app.meals.stored.models import Meal
 from app.meals.stored.record_models import Item, ItemFood, Recompute
 from app.nutrition.foods import Density
 from app.records.project_records import project_meal
-from app.records.rebuild_records import rebuild_records
-from app.records.recompute_records import recompute_nutrients
+from app.records.recompute_records import rebuild_records, recompute_nutrients
 from tests.integration.records.eating import APPLE_HINT, eaten
 from tests.support.estimates import found_item, unmeasured_item
 

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from app.meals.stored.outline_json import rings_of
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates

@@ -7,7 +7,7 @@ import sqlalchemy as sa
 
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.models import Study
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.reviewing import Speaker, new_event

@@ -8,7 +8,7 @@ import pytest
 from app.cli.demo import show_meal
 from app.nutrition.components import HEADLINE_COLUMNS
 from app.records.meal_schemas import MealOut
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.records.eating import eaten
 from tests.support.estimates import found_item, unmeasured_item
 

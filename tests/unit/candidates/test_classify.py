@@ -12,7 +12,7 @@ from app.candidates.classify import ClassifyFoods, read_classifier, read_model
 from app.children.child_pool import ChildPool, ChildResult
 from app.core.errors import Failure
 from app.core.settings import Settings
-from app.meals.estimate.describe_regions import classify_task
+from app.meals.estimate.photo_tasks import classify_task
 from app.meals.stored.run_answer import RunAnswer
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment

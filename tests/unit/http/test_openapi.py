@@ -8,8 +8,7 @@ from openapi_spec_validator import OpenAPIV31SpecValidator
 
 from app.exports.models import EXPORT_STATES
 from app.exports.release_models import RELEASE_STATES
-from app.meals.stored.day_models import DAY_STATUSES
-from app.meals.stored.event_models import EVENT_KINDS, LAYERS
+from app.meals.stored.event_models import DAY_STATUSES, EVENT_KINDS, LAYERS
 from app.meals.stored.models import MEAL_ORIGINS, MEAL_STATUSES
 from app.meals.stored.record_models import ITEM_ORIGINS, RECORD_STATUSES
 from app.openapi import COMPARE_CLOCKS, COUNTED_AT_401, LOCATED, LOCATED_AGAIN, TAGGED

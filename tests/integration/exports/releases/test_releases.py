@@ -20,7 +20,7 @@ from app.exports.releases import release_runner
 from app.exports.releases.compare_release import compare_release
 from app.exports.releases.tables import LEFT_OUT
 from app.foods.models import StudyDensity
-from app.meals.stored.day_models import DiaryDay
+from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import EffectiveRecord
 from app.nutrition.components import HEADLINE_COLUMNS

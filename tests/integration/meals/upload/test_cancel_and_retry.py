@@ -13,8 +13,7 @@ from app.jobs.queue import JobQueue
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import Run
-from app.meals.upload.job_list_queries import FailedFilter
-from app.meals.upload.look_after_jobs import retry_failed
+from app.meals.upload.look_after_jobs import FailedFilter, retry_failed
 from app.people import privacy_queries as privacy
 from app.people.privacy_models import AuditEvent
 from tests.integration.conftest import meal_metadata

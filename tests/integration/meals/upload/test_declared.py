@@ -4,7 +4,7 @@ import uuid
 
 import pytest
 
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.reviewing import Speaker
 from tests.support.photographs import pair

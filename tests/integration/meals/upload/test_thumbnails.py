@@ -10,10 +10,10 @@ import sqlalchemy as sa
 from PIL import Image
 
 from app.meals.estimate.estimate_json import colour_to_json
-from app.meals.estimate.picture_task import picture_task
+from app.meals.estimate.photo_tasks import picture_task
 from app.meals.estimate.run_estimate import estimate_task
 from app.meals.stored.record_models import RunArtefact
-from app.meals.stored.thumbnails import THUMBNAIL_PX
+from app.meals.stored.run_answer import THUMBNAIL_PX
 from app.people.models import Study
 from app.people.privacy_models import AuditEvent
 from app.privacy.delete_blobs import BlobDeleter

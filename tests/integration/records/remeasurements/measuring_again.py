@@ -6,7 +6,7 @@ from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals.stored.job_models import LIVE_STATES, Job
 from app.meals.stored.models import Meal
-from app.records.remeasurements.feed_workers import FeedWorkers
+from app.records.remeasurements.remeasurements import FeedWorkers
 from tests.support import estimates
 
 PATH = "/v1/studies/pilot/remeasurements"

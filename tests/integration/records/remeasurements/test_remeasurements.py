@@ -10,12 +10,11 @@ import pytest
 import sqlalchemy as sa
 
 from app.jobs.queue import JobQueue
-from app.meals.stored.job_models import Job
+from app.meals.stored.job_models import Job, RemeasuredItem, RemeasuredPair, Remeasurement
 from app.meals.stored.models import Meal, MealImage
-from app.meals.stored.remeasurement_models import RemeasuredItem, RemeasuredPair, Remeasurement
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
-from app.records.remeasurements.feed_workers import FeedWorkers
+from app.records.remeasurements.remeasurements import FeedWorkers
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.at_once import at_once
 from tests.integration.records.eating import eaten

@@ -6,7 +6,7 @@ import sqlalchemy as sa
 from app.children.faults import JOB_GAVE_UP
 from app.meals.stored.job_models import Job
 from app.meals.stored.record_models import EffectiveRecord, Item, Run
-from app.records.rebuild_records import rebuild_records
+from app.records.recompute_records import rebuild_records
 from tests.integration.conftest import meal_metadata
 from tests.integration.people.people import make_staff
 from tests.integration.records.after_pairs import RED, YELLOW, Table, left_of_apple

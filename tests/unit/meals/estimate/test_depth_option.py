@@ -8,8 +8,7 @@ import pytest
 
 from app.core.errors import InvalidInputError
 from app.meals.estimate.estimate_files import estimate_files, read_options
-from app.meals.estimate.read_photographs import DepthFiles
-from app.meals.estimate.run_estimate import run_estimate
+from app.meals.estimate.run_estimate import DepthFiles, run_estimate
 from tests.unit.vision.stereo_scene import BALL, SPEC, rendered_views
 
 

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.meals.estimate.read_photographs import DepthFiles
-from app.meals.estimate.run_estimate import run_estimate
+from app.meals.estimate.run_estimate import DepthFiles, run_estimate
 from app.vision.model import EstimateOptions
 from tests.support.heic_files import MATTE, heic_with_map, packet, quantised
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, on_plain_table, rendered_views, true_depth

@@ -1,7 +1,12 @@
-"""The looks of regions of a photograph: their vectors (VCM), and the labels that an operator's network gives them."""
+"""The children's small tasks on photographs: check a pair, make a picture for eyes, describe or classify regions.
 
+A region's looks are its vector (VCM), and the labels that an operator's network gives it.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cv2
 import numpy as np
 from pydantic import BaseModel, JsonValue
 
@@ -11,13 +16,94 @@ from app.children.child import Arguments, StageListener
 from app.core.errors import Failure
 from app.meals.estimate.estimate_json import colour_from_json, failure_to_json
 from app.meals.stored.run_answer import Json
-from app.vision.board.colour_correction import measure_colour
+from app.vision import precheck
+from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
+from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
-from app.vision.model import ColourCorrection, Photo
-from app.vision.photo import read_photo
+from app.vision.model import ColourCorrection, ImageArray, Photo
+from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo
+
+PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
+
+
+class _PictureRequest(BaseModel):
+    photo: Path
+    output: Path
+    width_px: int
+    max_pixels: int
+    colour: Json | None
+
+
+def picture_task(arguments: Arguments, _: StageListener) -> Json:
+    """A photograph as an upright JPEG without metadata. width_px: at most. colour: estimate_json's; None: as taken."""
+    request = _PictureRequest.model_validate(arguments)
+    read = read_reduced_photo(
+        request.photo.read_bytes(),
+        max_pixels=request.max_pixels,
+        least_long_side_px=2
+        * request.width_px,  # so that even the short side of most is as wide as the picture
+    )
+    if isinstance(read, Failure):
+        return {"failure": failure_to_json(read)}
+    colour = colour_from_json(request.colour) if request.colour is not None else None
+    content, height, width = encode_jpeg(read.photo.pixels_bgr, request.width_px, colour)
+    request.output.write_bytes(content)
+    return {"failure": None, "width": width, "height": height}
+
+
+def encode_jpeg(
+    pixels_bgr: ImageArray, width_px: int, colour: ColourCorrection | None
+) -> tuple[bytes, int, int]:
+    """At most so wide, never enlarged, corrected; with its height and width, px."""
+    height, width = pixels_bgr.shape[:2]
+    if width > width_px:
+        size = (width_px, max(1, round(height * width_px / width)))
+        pixels_bgr = np.asarray(
+            cv2.resize(pixels_bgr, size, interpolation=cv2.INTER_AREA), np.uint8
+        )
+    if colour is not None:
+        pixels_bgr = apply_colour(pixels_bgr, colour)
+    encoded = cv2.imencode(".jpg", pixels_bgr, [cv2.IMWRITE_JPEG_QUALITY, PICTURE_QUALITY])[1]
+    return encoded.tobytes(), int(pixels_bgr.shape[0]), int(pixels_bgr.shape[1])
+
+
+class _CheckRequest(BaseModel):
+    """left, right: paths of both photographs."""
+
+    left: Path
+    right: Path
+    max_pixels: int
+    marker: str
+    camera: Json | None
+
+
+def check_task(arguments: Arguments, _: StageListener) -> Json:
+    """Judge a pair before it is sent."""
+    request = _CheckRequest.model_validate(arguments)
+
+    def read(path: Path) -> ReducedPhoto | Failure:
+        return read_reduced_photo(
+            path.read_bytes(),
+            max_pixels=request.max_pixels,
+            least_long_side_px=precheck.LEAST_LONG_SIDE_PX,
+        )
+
+    with ThreadPoolExecutor(2) as threads:  # decoders let go of the interpreter
+        left, right = threads.map(read, (request.left, request.right))
+    camera = camera_from_mapping(request.camera) if request.camera is not None else None
+    judged = precheck.check_pair(left, right, parse_marker(request.marker), camera)
+    return {
+        "ok": judged.is_ok,
+        "problems": [
+            {"code": each.code, "severity": each.severity, "side": each.side}
+            for each in judged.problems
+        ],
+        "measures": dict(judged.measures),
+    }
+
 
 GREY = Photo(np.full((64, 64, 3), 128, np.uint8))  # what a network is tried on
 GREY_RINGS = [[(8.0, 8.0), (56.0, 8.0), (56.0, 56.0), (8.0, 56.0)]]
@@ -76,7 +162,8 @@ def describe_task(arguments: Arguments, _: StageListener) -> Json:
 def classify_task(arguments: Arguments, _: StageListener) -> Json:
     """Probabilities of the labels of an operator's network, by region; None where nothing of a region is in view.
 
-    Without regions the network is loaded and shown a grey picture, which tells whether it fits its description.
+    Without regions the network is loaded and shown a grey picture, which tells whether it fits its
+    description.
     """
     request = _ClassifyRequest.model_validate(arguments)
     content = read_model(request.model, request.sha256)
