@@ -46,13 +46,10 @@ from app.http.request_log import RequestLog
 from app.http.state import ApiState
 from app.jobs.queue import JobQueue
 from app.meals.stored.receive_photo import PhotoIntake
-from app.meals.upload import after_meal_api as after_meal
-from app.meals.upload import api as meals
+from app.meals.upload import api as upload
 from app.meals.upload import checks_api as checks
-from app.meals.upload import declared_api as declared
-from app.meals.upload import me_api as me
-from app.meals.upload import meal_jobs_api as meal_jobs
 from app.meals.upload import partial_uploads_api as partial_uploads
+from app.meals.upload import read_api as meals
 from app.meals.upload import server_api as server
 from app.meals.upload.after_meal import SubmitAfterPair
 from app.meals.upload.declare_meal import DeclareMeal
@@ -197,15 +194,14 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
     app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
     for resource in (
         meal_lists,
+        upload,
         meals,
         partial_uploads,
-        meal_jobs,
         photographs,
         checks,
         calibrations,
         me_privacy,
         receipts,
-        after_meal,
         audit,
         records,
         data_dictionary,
@@ -216,13 +212,11 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         releases,
         remeasurements,
         review,
-        declared,
         days,
         overview,
         foods,
         food_edits,
         reference_intakes,
-        me,
         enrolments,
         sessions,
         tokens,

@@ -20,7 +20,7 @@ from app.extras.sandbox.injection import may_identify
 from app.identification.food_index import open_index
 from app.jobs.chores import Chore
 from app.jobs.queue import JobQueue
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.estimate.job_worker import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
@@ -58,9 +58,9 @@ def run_worker(settings: Settings) -> int:
 
     metrics = _serve_metrics(settings)
 
-    def make_estimate(database: Database, pool: ChildPool) -> EstimateMeal:
+    def make_estimate(database: Database, pool: ChildPool) -> EstimatePair:
         index = partial(open_index, settings.food_index)
-        return EstimateMeal(database, blobs, pool, settings, index, may_identify)
+        return EstimatePair(database, blobs, pool, settings, index, may_identify)
 
     def make_chores(database: Database) -> list[Chore]:
         reminders = reminder_chores(database, box, settings)

@@ -12,8 +12,8 @@ import socket
 import time
 import uuid
 from collections.abc import Iterator
-from dataclasses import asdict
-from datetime import UTC, datetime
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Protocol
 
@@ -23,9 +23,19 @@ from sqlalchemy.orm import Session
 from app import __version__
 from app.children.faults import JobLeft
 from app.db.session import Database
-from app.jobs import queries as jobs
-from app.jobs.queries import Executor
-from app.jobs.times import WorkerTimes
+from app.jobs.queries import WorkerTimes
+from app.meals.stored.job_models import WorkerLease
+
+
+@dataclass(frozen=True, slots=True)
+class Executor:
+    """A worker process, as /readyz shows it."""
+
+    executor_id: str
+    host: str
+    pid: int
+    version: str
+    started_at: datetime
 
 
 class Lease(Protocol):
@@ -83,8 +93,16 @@ def living_workers(database: Database, times: WorkerTimes | None = None) -> list
         return sorted(
             filter(None, map(_read_if_locked, files)), key=lambda executor: executor.started_at
         )
+    seconds = (times or WorkerTimes()).lease
+    # if the database's clock went back, a living worker has renewed its heartbeat since
+    is_past = WorkerLease.heartbeat_at < _clock() + timedelta(seconds=seconds)
+    query = sa.select(WorkerLease).where(_is_fresh(seconds), is_past)
     with database.read() as session:
-        return jobs.fresh_leases(session, (times or WorkerTimes()).lease)
+        rows = session.scalars(query.order_by(WorkerLease.started_at, WorkerLease.executor_id))
+        return [
+            Executor(row.executor_id, row.host, row.pid, row.version, row.started_at)
+            for row in rows
+        ]
 
 
 class DatabaseLease:
@@ -100,33 +118,49 @@ class DatabaseLease:
     def acquire(self) -> None:
         """Insert the row with the first heartbeat."""
         with self._database.write() as session:
-            jobs.insert_lease(session, self._executor)
+            row = sa.insert(WorkerLease).values(**asdict(self._executor), heartbeat_at=_clock())
+            session.execute(row)
 
     def renew(self) -> bool:
         """Renew the heartbeat, even a late one: only a worker that deletes the row ends the lease.
 
-        Otherwise workers of a machine that is too busy for timely heartbeats would restart for ever.
+        Otherwise workers of a machine that is too busy for timely heartbeats would restart for
+        ever.
         """
         with self._database.write() as session:
-            return jobs.renew_lease(session, self.executor_id)
+            renewed = sa.update(WorkerLease).where(WorkerLease.executor_id == self.executor_id)
+            renewed = renewed.values(heartbeat_at=_clock())
+            return session.scalar(renewed.returning(WorkerLease.executor_id)) is not None
 
     def guard(self, session: Session) -> None:
-        """Lock the row in the session's transaction, so that a takeover happens entirely before or after it."""
-        if not jobs.hold_lease(session, self.executor_id, self._seconds):
+        """Lock the row in the session's transaction: a takeover happens before or after it.
+
+        FOR KEY SHARE: the worker's own heartbeats are not blocked, and a takeover skips the row.
+        """
+        # a worker that is stopped within its transaction must not keep the rows locked against a
+        # takeover
+        milliseconds = int(self._seconds * 1000)
+        session.execute(sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {milliseconds}"))
+        query = sa.select(WorkerLease.executor_id)
+        query = query.where(WorkerLease.executor_id == self.executor_id)
+        if session.scalar(query.with_for_update(read=True, key_share=True)) is None:
             raise JobLeft
 
     def release(self) -> None:
         """Delete the row."""
+        row = sa.delete(WorkerLease).where(WorkerLease.executor_id == self.executor_id)
         with contextlib.suppress(sa.exc.SQLAlchemyError), self._database.write() as session:
-            jobs.delete_lease(session, self.executor_id)
+            session.execute(row)
 
     def bury(self, pending: set[str]) -> set[str]:
         """Delete expired rows, but never our own; an executor without a row is dead."""
+        name, heartbeat_at = WorkerLease.executor_id, WorkerLease.heartbeat_at
         with self._database.write() as session:
-            jobs.delete_expired_leases(session, self._seconds, but=self.executor_id)
-            for executor_id, heartbeat_at in self._stalled(jobs.leases_ahead(session)):
-                jobs.delete_lease_ahead(session, executor_id, heartbeat_at)
-            return pending - jobs.leases(session)
+            _delete(session, ~_is_fresh(self._seconds), name != self.executor_id)
+            ahead = session.execute(sa.select(name, heartbeat_at).where(heartbeat_at > _clock()))
+            for executor_id, since in self._stalled({(row[0], row[1]) for row in ahead}):
+                _delete(session, name == executor_id, heartbeat_at == since)
+            return pending - set(session.scalars(sa.select(name)))
 
     def _stalled(self, ahead: set[tuple[str, datetime]]) -> list[tuple[str, datetime]]:
         """Return leases whose heartbeat lies in the future and has not moved for a lease's time on our own clock.
@@ -193,6 +227,26 @@ class FileLease:
             for executor in pending
             if not (self._path.parent / f"{executor}.lock").exists()
         }
+
+
+def _delete(session: Session, *conditions: sa.ColumnElement[bool]) -> None:
+    """Delete leases, but those under which a worker is just saving."""
+    chosen = sa.select(WorkerLease.executor_id).where(*conditions)
+    chosen = chosen.with_for_update(skip_locked=True)
+    names = sa.select(chosen.subquery().c.executor_id)
+    session.execute(
+        sa.delete(WorkerLease)
+        .where(WorkerLease.executor_id.in_(names))
+        .execution_options(synchronize_session=False)
+    )
+
+
+def _clock() -> sa.Function[datetime]:
+    return sa.func.clock_timestamp(type_=sa.DateTime(timezone=True))
+
+
+def _is_fresh(lease_seconds: float) -> sa.ColumnElement[bool]:
+    return WorkerLease.heartbeat_at > _clock() - timedelta(seconds=lease_seconds)
 
 
 def lock_folder(database: Database) -> Path:

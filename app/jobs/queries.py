@@ -1,8 +1,8 @@
-"""SQL of jobs, which are the workers' queue, and of the workers' leases."""
+"""SQL of jobs, which are the workers' queue, and how long a worker waits for what."""
 
 import uuid
 from collections.abc import Collection
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal, get_args
 
@@ -10,15 +10,14 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session, object_session
 
 from app.core.errors import Failure
-from app.jobs.times import WorkerTimes
 from app.meals.stored.announce import announce_meal
 from app.meals.stored.job_models import (
     LIVE_STATES,
+    PAIRS,
     RERUN_OF,
     Job,
     PairPurpose,
     RemeasuredPair,
-    WorkerLease,
 )
 from app.meals.stored.models import Meal
 from app.meals.stored.queries import WAITING
@@ -30,14 +29,21 @@ LONGEST_PUT_OFF = timedelta(minutes=1)  # a clock that was ahead wrote a later t
 
 
 @dataclass(frozen=True, slots=True)
-class Executor:
-    """A worker process, as /readyz shows it."""
+class WorkerTimes:
+    """All in seconds.
 
-    executor_id: str
-    host: str
-    pid: int
-    version: str
-    started_at: datetime
+    heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker that misses heartbeats
+    for so long (three of them) is dead. first_wait: before the first retry after a fault; it grows up to
+    longest_wait. wait_for_room: before the first retry of an estimate that was killed or took too long; it
+    quadruples with each retry. drain: for running jobs to end when the worker stops; later ones are handed back.
+    """
+
+    heartbeat: float = 2.0
+    lease: float = 6.0
+    first_wait: float = 0.5
+    longest_wait: float = 30.0
+    wait_for_room: float = 15.0
+    drain: float = 5.0
 
 
 _TURNS = sa.select(  # built once, because every upload runs it
@@ -287,31 +293,25 @@ def _keep_pair(job: Job, reason: str, now: datetime) -> None:
 
 def pair_status(meal: Meal, purpose: str) -> str | None:
     """Return the status of the pair that a job of this purpose estimates; None for other purposes."""
-    return {"meal": meal.status, "after": meal.after_status}.get(purpose)
+    return meal.pair(purpose).status if purpose in PAIRS else None
 
 
 def advance_pair(meal: Meal, purpose: str, status: Literal["queued", "processing"]) -> None:
     """Set the pair's status, and raise the meal's version if that changes it."""
-    if pair_status(meal, purpose) == status:
-        return
-    if purpose == "meal":
-        meal.status, meal.stage = status, None
-    else:
-        meal.after_status = status
-    meal.version += 1
+    pair = meal.pair(purpose)
+    if pair.status != status:
+        pair.set_status(status)
+        meal.version += 1
 
 
 def fail_pair(meal: Meal, purpose: str, failure: Failure) -> None:
-    """Set the failure of the meal's own pair or of its after-meal pair; the other pair stays unchanged."""
+    """Let the meal's own pair or its after-meal pair fail; the other pair stays unchanged."""
+    pair = meal.pair(purpose)
+    pair.set_status("failed")
+    pair.set_failure(failure)
     meal.version += 1
-    if purpose != "meal":
-        meal.after_status, meal.after_failure_code = "failed", failure.code
-        meal.after_failure_message, meal.after_failure_advice = failure.message, failure.advice
-        return
-    meal.status, meal.stage, meal.failure_code = "failed", None, failure.code
-    meal.failure_message, meal.failure_advice = failure.message, failure.advice
     session = object_session(meal)
-    if session is not None:
+    if purpose == "meal" and session is not None:
         announce_meal(session, meal)
 
 
@@ -342,111 +342,3 @@ def count_jobs(session: Session, meal_id: uuid.UUID, purpose: str) -> tuple[int,
         sa.select(Job.state).where(Job.meal_id == meal_id, Job.purpose == purpose)
     ).all()
     return len(states), sum(state in LIVE_STATES for state in states)
-
-
-def insert_lease(session: Session, executor: Executor) -> None:
-    """Insert a worker's lease with its first heartbeat, on the database's clock."""
-    session.execute(sa.insert(WorkerLease).values(**asdict(executor), heartbeat_at=_clock()))
-
-
-def renew_lease(session: Session, executor_id: str) -> bool:
-    """Renew the heartbeat, even a late one. Returns False if the lease was taken."""
-    renewed = session.execute(
-        sa.update(WorkerLease)
-        .where(WorkerLease.executor_id == executor_id)
-        .values(heartbeat_at=_clock())
-        .returning(WorkerLease.executor_id)
-    )
-    return renewed.first() is not None
-
-
-def hold_lease(session: Session, executor_id: str, lease_seconds: float) -> bool:
-    """Return whether the worker still has the lease, and keep it from being taken until this transaction ends.
-
-    FOR KEY SHARE: the worker's own heartbeats are not blocked, and a takeover skips the row.
-    """
-    # a worker that is stopped within its transaction must not keep the rows locked against a takeover
-    session.execute(
-        sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {int(lease_seconds * 1000)}")
-    )
-    held = session.scalar(
-        sa.select(WorkerLease.executor_id)
-        .where(WorkerLease.executor_id == executor_id)
-        .with_for_update(read=True, key_share=True)
-    )
-    return held is not None
-
-
-def delete_lease(session: Session, executor_id: str) -> None:
-    """Delete the lease of a worker that ends."""
-    session.execute(sa.delete(WorkerLease).where(WorkerLease.executor_id == executor_id))
-
-
-def delete_expired_leases(session: Session, lease_seconds: float, *, but: str) -> list[str]:
-    """Delete expired leases, except `but` and those under which a worker is just saving. Returns their executors."""
-    return _delete_leases(session, ~_is_fresh(lease_seconds), WorkerLease.executor_id != but)
-
-
-def leases_ahead(session: Session) -> set[tuple[str, datetime]]:
-    """Return (executor, heartbeat) of leases whose heartbeat lies in the future: the database's clock went back."""
-    query = sa.select(WorkerLease.executor_id, WorkerLease.heartbeat_at).where(
-        WorkerLease.heartbeat_at > _clock()
-    )
-    return {(row.executor_id, row.heartbeat_at) for row in session.execute(query)}
-
-
-def delete_lease_ahead(session: Session, executor_id: str, heartbeat_at: datetime) -> None:
-    """Delete a lease that still has this heartbeat, unless its worker is just saving under it."""
-    _delete_leases(
-        session, WorkerLease.executor_id == executor_id, WorkerLease.heartbeat_at == heartbeat_at
-    )
-
-
-def leases(session: Session) -> set[str]:
-    """Return the executors with a lease, expired or not."""
-    return set(session.scalars(sa.select(WorkerLease.executor_id)))
-
-
-def fresh_leases(session: Session, lease_seconds: float) -> list[Executor]:
-    """Return the workers whose heartbeat is recent on the database's clock."""
-    rows = session.scalars(
-        sa.select(WorkerLease)
-        .where(_is_alive(lease_seconds))
-        .order_by(WorkerLease.started_at, WorkerLease.executor_id)
-    )
-    return [
-        Executor(row.executor_id, row.host, row.pid, row.version, row.started_at) for row in rows
-    ]
-
-
-def _delete_leases(session: Session, *conditions: sa.ColumnElement[bool]) -> list[str]:
-    chosen = (
-        sa.select(WorkerLease.executor_id)
-        .where(*conditions)
-        .with_for_update(skip_locked=True)
-        .subquery()
-    )
-    return list(
-        session.scalars(
-            sa.delete(WorkerLease)
-            .where(WorkerLease.executor_id.in_(sa.select(chosen.c.executor_id)))
-            .returning(WorkerLease.executor_id)
-            .execution_options(synchronize_session=False)
-        )
-    )
-
-
-def _clock() -> sa.Function[datetime]:
-    return sa.func.clock_timestamp(type_=sa.DateTime(timezone=True))
-
-
-def _is_fresh(lease_seconds: float) -> sa.ColumnElement[bool]:
-    return WorkerLease.heartbeat_at > _clock() - timedelta(seconds=lease_seconds)
-
-
-def _is_alive(lease_seconds: float) -> sa.ColumnElement[bool]:
-    """Fresh, and not in the future: if the database's clock went back, a living worker has renewed it since."""
-    return sa.and_(
-        _is_fresh(lease_seconds),
-        WorkerLease.heartbeat_at < _clock() + timedelta(seconds=lease_seconds),
-    )

@@ -1,12 +1,13 @@
 """The chores of a worker beside estimates; jobs/chores.py schedules them."""
 
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 from app.core.settings import Settings
 from app.db.session import Database
 from app.exports.releases.file_work_chore import FileThread, expire_exports
 from app.jobs.chores import Chore
-from app.meals.upload.after_meal import AfterWindows
+from app.meals.upload.after_meal import end_due_windows
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in_limits import forget_attempts
@@ -59,7 +60,7 @@ def worker_chores(
     post = WebhookPost(allow_loopback=settings.webhook_allow_loopback)
     deliver = DeliverWebhooks(database, box, post)
     return [
-        Chore("close_after_windows", 10.0, AfterWindows(database).close_due),
+        Chore("close_after_windows", 10.0, partial(end_due_windows, database)),
         Chore("delete_blobs", 5.0, deleter.delete_scheduled),
         Chore("finish_erasures", HOUR, finish_erasures),
         Chore("watch_clock", 60.0, clock.tick),

@@ -10,6 +10,7 @@ from app.candidates.item_candidates import ItemCandidates
 from app.db.base import Base
 from app.foods.models import Component, Food
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
+from app.http.model_response import ModelResponse
 from app.http.text_schemas import stored_word
 from app.meals.stored.meal_time import number_of, time_flags
 from app.meals.stored.models import Meal
@@ -79,6 +80,19 @@ def render_meal(view: MealView) -> MealOut:
         if run
         else None,
     )
+
+
+def tagged_meal(view: MealView, status: int = 200, *, is_located: bool = False) -> ModelResponse:
+    """Return a meal with its ETag. is_located: with its Location."""
+    headers = {"ETag": meal_etag(view)}
+    if is_located:
+        headers["Location"] = f"/v1/meals/{view.meal.client_id}"
+    return ModelResponse(render_meal(view), status_code=status, headers=headers)
+
+
+def meal_etag(view: MealView) -> str:
+    """Return a meal's ETag."""
+    return f'"{view.meal.version}"'
 
 
 def render_after(view: MealView) -> AfterOut | None:

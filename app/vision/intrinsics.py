@@ -4,8 +4,8 @@ board/camera.py finds the camera of photographs; the API, which keeps and choose
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 from app.core.errors import Failure, InvalidInputError
 
@@ -43,6 +43,11 @@ class Camera:
         import numpy as np  # noqa: PLC0415  # the API process has cameras, and no NumPy
 
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+
+def camera_to_json(camera: Camera) -> dict[str, Any]:
+    """Return a camera with the keys of a camera file."""
+    return asdict(camera) | {"distortion": list(camera.distortion)}
 
 
 def _invalid(reason: str) -> InvalidInputError:

@@ -7,10 +7,16 @@ NumPy for it.
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from app.core.errors import Failure, InvalidInputError
-from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping, number_from
+from app.vision.intrinsics import (
+    Camera,
+    adapt_camera,
+    camera_from_mapping,
+    camera_to_json,
+    number_from,
+)
 
 if TYPE_CHECKING:
     import numpy as np
@@ -50,6 +56,16 @@ class StereoRig:
 
         left_vectors, _, right_vectors = np.linalg.svd(np.array(self.rotation, np.float64))
         return np.asarray(left_vectors @ right_vectors, np.float64)
+
+
+def rig_to_json(rig: StereoRig) -> dict[str, Any]:
+    """Return a rig with the keys of a rig file; each camera with its own size."""
+    return {
+        "left": camera_to_json(rig.left),
+        "right": camera_to_json(rig.right),
+        "R": [list(row) for row in rig.rotation],
+        "t_mm": list(rig.translation_mm),
+    }
 
 
 def adapt_rig(

@@ -18,7 +18,7 @@ from app.dashboard.page import CurrentPage, Page
 from app.foods.search.search_foods import search_foods
 from app.meals.stored.item_state import IMPLAUSIBLE_AMOUNT
 from app.people.access.page_rules import MEAL, PREFIX
-from app.records.review.api import tagged_meal
+from app.records.render import tagged_meal
 from app.records.review.meal_events import MealEvents
 
 router = APIRouter(include_in_schema=False)

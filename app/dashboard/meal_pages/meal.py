@@ -24,14 +24,13 @@ from app.dashboard.meal_pages.meal_figures import (
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
 from app.meals.stored.item_state import REPLACED, UNDONE
-from app.meals.upload import meal_jobs_api as meal_jobs
-from app.meals.upload.api import get_artefact, meal_response, will_change
+from app.meals.upload import read_api as meals
 from app.people.access.page_rules import MEAL
 from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
 from app.records import photographs_api as photographs
 from app.records.read_meal import read_meal
-from app.records.render import render_meal
+from app.records.render import render_meal, tagged_meal
 from app.records.review.meal_history import MealStory, read_story
 
 router = APIRouter(include_in_schema=False)
@@ -48,8 +47,8 @@ def get_meal(
 ) -> Response:
     """The page, or the JSON of `GET /v1/meals/{id}`."""
     if format == "json":
-        answer = meal_response(
-            read_meal(page.state.database, page.study_caller, meal_id, participant), 200
+        answer = tagged_meal(
+            read_meal(page.state.database, page.study_caller, meal_id, participant)
         )
         answer.headers["Content-Disposition"] = f'attachment; filename="meal-{meal_id}.json"'
         return answer
@@ -60,7 +59,7 @@ def get_meal(
 def get_state(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
     """The meal's state, which the page polls while something is being measured; then the meal's whole section."""
     view = read_meal(page.state.database, page.study_caller, meal_id, participant)
-    if not will_change(view):
+    if not meals.will_change(view):
         answer = render_meal_page(page, participant, meal_id, is_section=True)
         answer.headers.update(
             {"HX-Retarget": "#meal", "HX-Reswap": "outerMorph"}
@@ -109,20 +108,20 @@ def get_step(
     pair: Annotated[Literal["meal", "after"], Query()] = "meal",
 ) -> StreamingResponse:
     """An artefact of a run: a picture, the points or the scene; the audit log records it, as over the API."""
-    return get_artefact(meal_id, name, page.state, page.study_caller, participant, pair)
+    return meals.get_artefact(meal_id, name, page.state, page.study_caller, participant, pair)
 
 
 @router.post(MEAL + "/retry")
 def post_retry(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
     """Queue the failed estimates again."""
-    meal_jobs.post_retry(meal_id, page.state, page.study_caller, participant)
+    meals.post_retry(meal_id, page.state, page.study_caller, participant)
     return page.redirect(meal_address(page, participant, meal_id), "The meal is queued again.")
 
 
 @router.post(MEAL + "/cancel")
 def post_cancel(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
     """Cancel an estimate that is not finished."""
-    meal_jobs.post_cancel(meal_id, page.state, page.study_caller, participant)
+    meals.post_cancel(meal_id, page.state, page.study_caller, participant)
     return page.redirect(
         meal_address(page, participant, meal_id),
         "The estimate was cancelled. The photographs are kept.",
@@ -201,7 +200,7 @@ def render_meal_page(
         run_id=run.id if run is not None else None,
         entries=timeline(story),
         delay_seconds=(meal.received_at - meal.captured_at) / timedelta(seconds=1),
-        is_moving=will_change(view),
+        is_moving=meals.will_change(view),
         here=here,
         may_review=page.may("reviewer"),
         new_id=uuid.uuid4,

@@ -12,14 +12,15 @@ from pydantic import BaseModel
 
 from app.children.child import Arguments, StageListener
 from app.core.errors import Failure, InvalidInputError
-from app.meals.estimate.camera_json import camera_to_json, rig_to_json
 from app.meals.estimate.estimate_json import failure_to_json
 from app.meals.stored.run_answer import Json
 from app.vision.board.calibration import calibrate
 from app.vision.board.rig_calibration import calibrate_rig
+from app.vision.intrinsics import camera_to_json
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
 from app.vision.photo import read_photo
+from app.vision.rig import rig_to_json
 
 
 class _CalibrateRequest(BaseModel):

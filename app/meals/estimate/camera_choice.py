@@ -15,7 +15,6 @@ from typing import Literal
 from sqlalchemy.orm import Session
 
 from app.core.errors import Failure
-from app.meals.estimate.camera_json import rig_to_json
 from app.meals.stored.models import Meal
 from app.meals.stored.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
@@ -23,7 +22,7 @@ from app.people.calibration_models import CameraCalibration, CameraDetails
 from app.people.models import Study
 from app.photos.slots import PAIR_SLOTS
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
-from app.vision.rig import StereoRig, adapt_rig, rig_from_mapping
+from app.vision.rig import StereoRig, adapt_rig, rig_from_mapping, rig_to_json
 
 Size = tuple[int, int]  # width, height, px, upright
 ChosenFrom = Literal["meal", "device", "model", "study", "exif"]

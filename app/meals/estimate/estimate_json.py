@@ -10,12 +10,11 @@ from pydantic import TypeAdapter
 
 from app.candidates.vcm_json import vcm_answer
 from app.core.errors import Failure, InvalidInputError
-from app.meals.estimate.camera_json import camera_to_json, rig_to_json
 from app.meals.stored.outline_json import rings_of
 from app.meals.stored.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
 from app.photos.slots import VIEW_SLOTS
-from app.vision.intrinsics import camera_from_mapping
+from app.vision.intrinsics import camera_from_mapping, camera_to_json
 from app.vision.known_poses import poses_from_mapping, poses_to_json
 from app.vision.marker_spec import parse_marker
 from app.vision.model import (
@@ -26,7 +25,7 @@ from app.vision.model import (
     ItemTraits,
     MealEstimate,
 )
-from app.vision.rig import rig_from_mapping
+from app.vision.rig import rig_from_mapping, rig_to_json
 from app.vision.vessel_library import vessel_to_json, vessels_from_json
 
 MATRIX_DECIMALS = 5

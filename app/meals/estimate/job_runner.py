@@ -29,8 +29,8 @@ from app.core.logs import bind_log_context, log_context
 from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.leases import Lease
-from app.jobs.times import WorkerTimes
-from app.meals.estimate.estimate_meal import EstimateMeal, SealedAnswer
+from app.jobs.queries import WorkerTimes
+from app.meals.estimate.estimate_pair import EstimatePair, SealedAnswer
 from app.metrics import instruments
 
 log = structlog.get_logger()
@@ -51,7 +51,7 @@ class JobRunner:
     """One per worker process."""
 
     def __init__(
-        self, database: Database, lease: Lease, estimate: EstimateMeal, times: WorkerTimes
+        self, database: Database, lease: Lease, estimate: EstimatePair, times: WorkerTimes
     ) -> None:
         self._database = database
         self._lease = lease

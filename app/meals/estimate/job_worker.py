@@ -26,10 +26,10 @@ from app.jobs import queries as jobs
 from app.jobs.chores import Chore, ChoreThread
 from app.jobs.claims import Backlog, Claims, no_backlog
 from app.jobs.leases import open_lease
+from app.jobs.queries import WorkerTimes
 from app.jobs.queue import JOB_PROTOCOL_VERSION, JobQueue, sweep
 from app.jobs.supervisor import LEASE_LOST
-from app.jobs.times import WorkerTimes
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.estimate.job_runner import JobRunner
 from app.metrics import instruments
 
@@ -46,7 +46,7 @@ class JobWorker:
     def __init__(
         self,
         database: Database,
-        estimate: EstimateMeal,
+        estimate: EstimatePair,
         *,
         concurrency: int,
         times: WorkerTimes | None = None,
@@ -198,7 +198,7 @@ END_SECONDS = 10.0  # the process exits so long after a signal, even if somethin
 
 def run_jobs(
     settings: Settings,
-    make_estimate: Callable[[Database, ChildPool], EstimateMeal],
+    make_estimate: Callable[[Database, ChildPool], EstimatePair],
     *,
     tasks: str,
     make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),

@@ -219,7 +219,7 @@ def save_rerun(
     if rerun.row.pair == "meal":
         save_candidates(session, run_id, matched)
         save_served(session, meal, run_id, added)
-        meal.failure_code = meal.failure_message = meal.failure_advice = None
+        meal.pair("meal").set_failure(None)
     else:
         save_left(session, meal, run_id, added)
         settle_after(meal)
@@ -251,7 +251,7 @@ def failure_of_after(meal: Meal, answer: RunAnswer) -> Failure | None:
 def settle_after(meal: Meal) -> None:
     """Set the state of an after-meal pair that was measured."""
     meal.after_status, meal.after_due_at = "estimated", None
-    meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
+    meal.pair("after").set_failure(None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -352,30 +352,16 @@ def save_estimate(session: Session, job_id: uuid.UUID, answer: RunAnswer, result
     if job.purpose == "remeasure":
         save_measures(session, job, meal, answer)
     elif job.purpose == "after":
-        _save_after(session, meal, job_id, answer)
+        save_left(session, meal, job_id, list(enumerate(answer.items)))
+        left_failure = failure_of_after(meal, answer)
+        if left_failure is None:
+            settle_after(meal)
+        else:
+            meal.pair("after").set_status("failed")
+            meal.pair("after").set_failure(left_failure)
     else:
-        _save_meal(session, meal, job_id, answer)
+        save_served(session, meal, job_id, list(enumerate(answer.items)))
+        meal.stage = None
+        if failure is not None:
+            meal.pair("meal").set_failure(failure)
     project_meal(session, meal)
-
-
-def _save_meal(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
-    save_served(session, meal, run_id, list(enumerate(answer.items)))
-    failure = answer.failure
-    if failure is not None:
-        meal.failure_code, meal.failure_message, meal.failure_advice = (
-            failure.code,
-            failure.message,
-            failure.advice,
-        )
-    meal.stage = None
-
-
-def _save_after(session: Session, meal: Meal, run_id: uuid.UUID, answer: RunAnswer) -> None:
-    save_left(session, meal, run_id, list(enumerate(answer.items)))
-    failure = failure_of_after(meal, answer)
-    if failure is not None:
-        meal.after_status = "failed"
-        meal.after_failure_code, meal.after_failure_message = failure.code, failure.message
-        meal.after_failure_advice = failure.advice
-        return
-    settle_after(meal)

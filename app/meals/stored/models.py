@@ -1,16 +1,18 @@
 """Meals and their photographs, as they arrived."""
 
 import uuid
+from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Literal, NotRequired, TypedDict, get_args
+from typing import Literal, NotRequired, TypedDict, cast, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
+from app.core.errors import Failure
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.stored.outline_json import Polygon
 from app.people.calibration_models import CameraDetails, PinholeDetails, RigDetails
-from app.photos.slots import SLOTS, VIEW_SLOTS
+from app.photos.slots import AFTER_SLOTS, SLOTS, VIEW_SLOTS
 
 MealStatus = Literal[
     "receiving", "queued", "processing", "estimated", "needs_review", "failed", "confirmed"
@@ -194,6 +196,10 @@ class Meal(Base):
         sa.Index(None, "client_id"),
     )
 
+    def pair(self, purpose: str) -> "Pair":
+        """Return the meal's own pair, or for "after" its after-meal pair."""
+        return Pair(self, "after_" if purpose == "after" else "")
+
     @property
     def view_slots(self) -> tuple[str, ...]:
         """The slots of the photographs that show the meal."""
@@ -208,6 +214,43 @@ class Meal(Base):
     def announced_slots(self) -> tuple[str, ...]:
         """The slots of the photographs and maps that make the meal complete."""
         return announced_slots(self.details)
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A pair of photographs, with its state in the meal's columns.
+
+    prefix: of the columns' names: "" for the meal's own pair
+    """
+
+    meal: Meal
+    prefix: Literal["", "after_"]
+
+    @property
+    def status(self) -> str | None:
+        """The pair's status; None: no after-meal pair has come."""
+        return cast("str | None", getattr(self.meal, f"{self.prefix}status"))
+
+    @property
+    def failure_code(self) -> str | None:
+        """Why it failed; None: it did not."""
+        return cast("str | None", getattr(self.meal, f"{self.prefix}failure_code"))
+
+    @property
+    def slots(self) -> tuple[str, ...]:
+        """The slots of the photographs and maps that it needs."""
+        return AFTER_SLOTS if self.prefix else self.meal.announced_slots
+
+    def set_status(self, status: str) -> None:
+        """Set the status; the meal's own is then at no stage."""
+        setattr(self.meal, f"{self.prefix}status", status)
+        if not self.prefix:
+            self.meal.stage = None
+
+    def set_failure(self, failure: Failure | None) -> None:
+        """Set why it failed; None: it did not."""
+        for name in ("code", "message", "advice"):
+            setattr(self.meal, f"{self.prefix}failure_{name}", getattr(failure, name, None))
 
 
 def announced_slots(details: MealDetails) -> tuple[str, ...]:

@@ -52,6 +52,11 @@ def images_of(session: Session, meal_id: uuid.UUID) -> list[MealImage]:
     return list(session.scalars(IMAGES, {MEAL_ID: meal_id}))
 
 
+def images_by_slot(session: Session, meal_id: uuid.UUID) -> dict[str, MealImage]:
+    """Return slot -> a meal's photograph."""
+    return {image.slot: image for image in images_of(session, meal_id)}
+
+
 def blob_keys(session: Session) -> Iterator[str]:
     """Yield the blob keys of all stored photographs."""
     kept = sa.select(MealImage.blob_key).where(MealImage.erased_at.is_(None))

@@ -1,19 +1,19 @@
 """Turn received files into sealed photographs: inspect, cut locations, decode once, put into the blob store.
 
-This process never looks into the bytes. A child does, in one go (estimates/receive_task.py), before the photograph is
+This process never looks into the bytes. A child does, in one go (estimate/receive_task.py), before the photograph is
 acknowledged, since the phone then deletes its own copy. What it learns is stored with the photograph.
 """
 
 import errno
 import hashlib
 import uuid
-from collections.abc import Callable, Collection, Container, Mapping
+from collections.abc import Collection, Container, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, PhotographError, Whose
@@ -37,8 +37,6 @@ from app.photos.depth import DEPTH_ADVICE, MAX_MAP_PIXELS
 from app.photos.gps import Location
 from app.photos.slots import DEPTH_SLOTS, image_name
 from app.storage.blob_store import BlobStore
-
-Result = TypeVar("Result")
 
 SECONDS = 20.0  # of processor time; 60 megapixels in 20 scans take some five on a slow machine, twice if cut
 RETRY_SECONDS = 1
@@ -159,19 +157,17 @@ class PhotoIntake:
             return TooLargeError(sentence, code=code, slot=slot, limit_pixels=limit)
         return InvalidInputError(sentence, code=code, slot=slot)
 
-    def seal_and_write(
+    @contextmanager
+    def sealed(
         self,
         photos: Mapping[str, SealablePhoto],
         keys: Mapping[str, str],
         stored: Container[str],
-        write: Callable[[], Result],
-    ) -> Result:
-        """Seal the photographs whose slot is not in `stored`, then write the rows that name them.
+    ) -> Iterator[None]:
+        """Seal the photographs whose slot is not in `stored`, for rows that are written within.
 
-        photos, keys: by slot. write: one transaction; it runs again if an identical upload commits first.
-
-        Raises StorageFullError, UnavailableError (a photograph that was stored is being replaced), and whatever `write`
-        raises.
+        photos, keys: by slot
+        Raises StorageFullError, UnavailableError (a photograph that was stored is being replaced).
         """
         paths = {keys[slot]: photo.path for slot, photo in photos.items() if slot not in stored}
         files = {key: path for key, path in paths.items() if path is not None}
@@ -187,13 +183,8 @@ class PhotoIntake:
                 raise storage_full() from error
             raise
         try:
-            try:
-                return write()
-            except (
-                IntegrityError
-            ):  # an identical upload was written at the same time and committed first
-                return write()
-        except GoneError:  # erased while the photographs were sealed: the deleter spares blobs that a row still names
+            yield
+        except GoneError:  # erased meanwhile: the deleter spares blobs that a row still names
             with self._database.write() as session:
                 privacy.schedule_deletion(session, list(keys.values()), datetime.now(UTC))
             raise
@@ -224,25 +215,34 @@ def require_unspent(session: Session, keys: Collection[str]) -> None:
         )
 
 
-def image_row(
-    meal_id: uuid.UUID, slot: str, photo: SealablePhoto, key: str, now: datetime
-) -> MealImage:
-    """Return the row of a photograph that is sealed under the key."""
-    return MealImage(
-        id=uuid.uuid4(),
-        meal_id=meal_id,
-        slot=slot,
-        media_type=photo.media_type,
-        width_px=photo.width_px,
-        height_px=photo.height_px,
-        bytes=photo.bytes,
-        received_sha256=photo.received_sha256,
-        stored_sha256=photo.stored_sha256,
-        blob_key=key,
-        decoding_pixels=photo.decoding_pixels,
-        is_reencoded=photo.is_reencoded,
-        received_at=now,
-    )
+def image_rows(
+    meal_id: uuid.UUID,
+    photos: Mapping[str, SealablePhoto],
+    keys: Mapping[str, str],
+    *,
+    but: Container[str],
+) -> list[MealImage]:
+    """Return the rows of photographs that are sealed under the keys, but for slots that have one."""
+    now = datetime.now(UTC)
+    return [
+        MealImage(
+            id=uuid.uuid4(),
+            meal_id=meal_id,
+            slot=slot,
+            media_type=photo.media_type,
+            width_px=photo.width_px,
+            height_px=photo.height_px,
+            bytes=photo.bytes,
+            received_sha256=photo.received_sha256,
+            stored_sha256=photo.stored_sha256,
+            blob_key=keys[slot],
+            decoding_pixels=photo.decoding_pixels,
+            is_reencoded=photo.is_reencoded,
+            received_at=now,
+        )
+        for slot, photo in photos.items()
+        if slot not in but
+    ]
 
 
 def _as_stored(image: MealImage) -> SealablePhoto:

@@ -23,13 +23,12 @@ from app.db.session import Database
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue
 from app.meals.stored import queries as meals
-from app.meals.stored.job_models import PairPurpose
+from app.meals.stored.job_models import PAIRS, PairPurpose
 from app.meals.stored.models import Meal
 from app.meals.stored.queries import WAITING
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller
 from app.people.participants import require_in_study
-from app.photos.slots import AFTER_SLOTS
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, lock_meal_of, read_meal
 
@@ -63,7 +62,9 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
     live = jobs.live_jobs_of(session, jobs.one_meal(meal.id))
     if isinstance(caller, DeviceCaller):
         live = [job for job in live if job.purpose in PHONE_PURPOSES]
-    lost = [] if live else _waiting_pairs(meal)
+    # a sweep would queue a job for these (jobs/queue.py)
+    waiting = [purpose for purpose in PAIRS if meal.pair(purpose).status in WAITING]
+    lost = [] if live else waiting
     if not live and not lost:
         if CANCELLED.code in (meal.failure_code, meal.after_failure_code):
             return 0
@@ -84,12 +85,6 @@ def cancel_locked_meal(session: Session, meal: Meal, caller: Caller | None) -> i
         purposes=purposes,
     )
     return len(purposes)
-
-
-def _waiting_pairs(meal: Meal) -> list[str]:
-    """Return the waiting pairs of a meal that has no live job: a sweep would queue one (jobs/queue.py)."""
-    statuses = {"meal": meal.status, "after": meal.after_status}
-    return [purpose for purpose, status in statuses.items() if status in WAITING]
 
 
 def _nothing_waits(meal: Meal) -> ConflictError:
@@ -139,7 +134,7 @@ def retry_locked_meal(
     Raises ConflictError, GoneError.
     """
     require_in_study(session, meal.participant_id)
-    failed = _failed_pairs(meal, code)
+    failed = [purpose for purpose in PAIRS if _has_failed(meal, purpose, code)]
     if not failed:
         if jobs.live_jobs_of(session, jobs.one_meal(meal.id)):
             return []
@@ -149,11 +144,13 @@ def retry_locked_meal(
             meal_status=meal.status,
         )
     stored = {image.slot for image in meals.images_of(session, meal.id) if image.erased_at is None}
-    purposes = [purpose for purpose, slots in failed.items() if stored.issuperset(slots)]
+    purposes = [purpose for purpose in failed if stored.issuperset(meal.pair(purpose).slots)]
     if not purposes:
         raise GoneError("The photographs of this meal were erased.", code="photograph_erased")
     for purpose in purposes:
-        _queue_again(session, queue, meal, purpose)
+        meal.pair(purpose).set_status("queued")
+        meal.pair(purpose).set_failure(None)
+        queue.enqueue_pair(session, meal, purpose)
     project_meal(session, meal)
     audit.note(
         session, caller, "meal.retry", study_id=meal.study_id, subject=meal.alias, purposes=purposes
@@ -161,25 +158,7 @@ def retry_locked_meal(
     return purposes
 
 
-def _failed_pairs(meal: Meal, code: str | None) -> dict[PairPurpose, tuple[str, ...]]:
-    """Return purpose -> the slots of the photographs that it needs."""
-    failed: dict[PairPurpose, tuple[str, ...]] = {}
-    if (
-        meal.status == "failed"
-        and meal.origin == "photographed"
-        and code in (None, meal.failure_code)
-    ):
-        failed["meal"] = meal.announced_slots
-    if meal.after_status == "failed" and code in (None, meal.after_failure_code):
-        failed["after"] = AFTER_SLOTS
-    return failed
-
-
-def _queue_again(session: Session, queue: JobQueue, meal: Meal, purpose: PairPurpose) -> None:
-    if purpose == "meal":
-        meal.status, meal.stage = "queued", None
-        meal.failure_code = meal.failure_message = meal.failure_advice = None
-    else:
-        meal.after_status = "queued"
-        meal.after_failure_code = meal.after_failure_message = meal.after_failure_advice = None
-    queue.enqueue_pair(session, meal, purpose)
+def _has_failed(meal: Meal, purpose: PairPurpose, code: str | None) -> bool:
+    pair = meal.pair(purpose)
+    is_failed = pair.status == "failed" and code in (None, pair.failure_code)
+    return is_failed and meal.origin == "photographed"

@@ -119,12 +119,7 @@ def skip_reason(
     meal: Meal, pair: PairPurpose, images: Collection[MealImage], *, is_withdrawn: bool
 ) -> str | None:
     """Return why a pair is not measured again; None: it is. images: all of the meal's."""
-    status, failure_code = (
-        (meal.status, meal.failure_code)
-        if pair == "meal"
-        else (meal.after_status, meal.after_failure_code)
-    )
-    slots = meal.announced_slots if pair == "meal" else AFTER_SLOTS
+    status, slots = meal.pair(pair).status, meal.pair(pair).slots
     stored = {image.slot: image for image in images if image.slot in slots}
     if is_withdrawn:
         return WITHDRAWN
@@ -136,7 +131,7 @@ def skip_reason(
         return WAITS
     if status == "receiving" or not stored.keys() >= set(slots):
         return INCOMPLETE
-    if status == "failed" and failure_code == CANCELLED.code:
+    if status == "failed" and meal.pair(pair).failure_code == CANCELLED.code:
         return CANCELLED.code
     return NOTHING_LEFT if status == NOTHING_LEFT else None
 

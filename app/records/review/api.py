@@ -20,8 +20,7 @@ from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.studies import read_study
 from app.records.meal_schemas import MealOut
-from app.records.read_meal import MealView
-from app.records.render import food_ref, render_candidates, render_meal, shared_columns
+from app.records.render import food_ref, render_candidates, shared_columns, tagged_meal
 from app.records.review.meal_events import MealEvents
 from app.records.review.meal_history import HistoryRow, read_history
 from app.records.review.queries import QueueFilter
@@ -69,12 +68,6 @@ def get_events(
     """All that was said of the meal, the oldest first, what was undone as well."""
     page = read_history(state.database, caller, meal_id, participant, cursor=cursor, limit=limit)
     return EventList(items=[_event(row) for row in page.rows], next=next_page(request, page.cursor))
-
-
-def tagged_meal(view: MealView, status: int) -> ModelResponse:
-    """Return the meal as the answer to a change, with its ETag."""
-    headers = {"ETag": f'"{view.meal.version}"'}
-    return ModelResponse(render_meal(view), status_code=status, headers=headers)
 
 
 def _event(row: HistoryRow) -> EventOut:

@@ -15,7 +15,7 @@ from app.children.child_pool import ChildResult
 from app.identification.food_index import shipped_index
 from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.identification_models import ItemIdentification
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
@@ -84,7 +84,7 @@ class Kitchen:
     def __init__(self, state, settings, index):
         self.state, self.settings, self.index = state, settings, index
         self.children = SeeingChildren()
-        self.worker = EstimateMeal(state.database, state.blobs, self.children, settings, lambda: index)
+        self.worker = EstimatePair(state.database, state.blobs, self.children, settings, lambda: index)
 
     def serve(self, phone, *vectors, volume_ml=20.0, **fields):
         """A meal of what looks so."""

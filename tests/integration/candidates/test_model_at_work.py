@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from app.children.child_pool import ChildResult
 from app.jobs import queries as jobs
 from app.meals.estimate.child_tasks import TASKS
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.job_models import Job
 from app.operations.doctor.doctor_foods import look_at_classifier
 from app.operations.doctor.finding import Deployment
@@ -41,7 +41,7 @@ def serve(state, settings, phone, tmp_path):
         toml = f'model = "m.onnx"\nsha256 = "{digest}"\nlabels = "l.csv"\nwidth_px = 8\nheight_px = 8\n'
         (tmp_path / "c.toml").write_text(toml)
         ours = settings.model_copy(update={"classifier": tmp_path / "c.toml"})
-        worker = EstimateMeal(state.database, state.blobs, SeeingChildren(), ours)
+        worker = EstimatePair(state.database, state.blobs, SeeingChildren(), ours)
         body = meal_metadata()
         assert phone.post(pair(), body).status_code == 202
         with state.database.read() as session:

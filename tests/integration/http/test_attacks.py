@@ -104,7 +104,7 @@ def test_conflict_of_one_upload_takes_no_blob_that_another_has_just_sealed(phone
     puts_left = threading.Thread(target=put, args=("left", left))
 
     def staged_write(self, caller, upload, photos, keys):
-        if upload.metadata is not None:
+        if upload.draft is not None:
             put("right", right)
             puts_left.start()
             assert sealed.wait(PATIENCE_SECONDS)

@@ -21,7 +21,7 @@ from app.children.faults import BrokenOff, JobFailure
 from app.core.process_life import die_with_parent
 from app.core.settings import Settings
 from app.jobs.chores import Chore
-from app.jobs.times import WorkerTimes
+from app.jobs.queries import WorkerTimes
 from app.meals.estimate.job_worker import run_jobs
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal

@@ -10,7 +10,7 @@ import sqlalchemy as sa
 
 from app.children.faults import JobLeft
 from app.jobs.leases import DatabaseLease, living_workers, new_executor
-from app.jobs.times import WorkerTimes
+from app.jobs.queries import WorkerTimes
 
 pytestmark = pytest.mark.parametrize("kind", ["postgres"])  # on SQLite a worker's life is a lock
 NEVER_FRESH = WorkerTimes(lease=0.0)

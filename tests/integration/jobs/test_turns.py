@@ -5,9 +5,8 @@ from datetime import UTC, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.jobs.queries import LONGEST_PUT_OFF, claim_jobs, put_off, release_claims
+from app.jobs.queries import LONGEST_PUT_OFF, WorkerTimes, claim_jobs, put_off, release_claims
 from app.jobs.queue import JobQueue
-from app.jobs.times import WorkerTimes
 from app.meals.stored.job_models import Job
 from tests.integration.jobs.fakes import new_unqueued_job
 

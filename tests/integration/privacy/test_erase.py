@@ -10,7 +10,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.children.faults import PHOTOGRAPH_ERASED, JobFailure
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal, MealImage
 from app.operations.chores import worker_chores
@@ -216,7 +216,7 @@ def test_pictures_sealed_after_the_erasure_are_deleted_too(what, phone, state, s
                 )
         BlobDeleter(state.database, state.blobs).delete_scheduled()
 
-    work = EstimateMeal(state.database, state.blobs, ErasingChildren(erase), settings)
+    work = EstimatePair(state.database, state.blobs, ErasingChildren(erase), settings)
     with pytest.raises(JobFailure) as caught:
         work.compute(job_id)
     assert caught.value.failure == PHOTOGRAPH_ERASED

@@ -9,7 +9,7 @@ from PIL import Image
 
 from app.core.errors import Failure
 from app.jobs import queries as jobs
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.estimate.run_estimate import estimate_task
 from app.meals.stored.job_models import Job
 from tests.integration.conftest import meal_metadata
@@ -53,7 +53,7 @@ def test_worker_that_begins_or_fails_an_after_job_moves_the_pair_only(phone, sta
     with state.database.write() as session:
         found = jobs.lock_live_job(session, job.id)
         jobs.fail_job(*found, Failure("estimate_timed_out", "It took too long.", "Try again."), job.enqueued_at)
-        EstimateMeal(state.database, state.blobs, None, None).settle(session, found[1])
+        EstimatePair(state.database, state.blobs, None, None).settle(session, found[1])
     meal = table.get()
     assert (meal["status"], meal["failure"]) == (before, None)
     assert (meal["after"]["status"], meal["after"]["failure"]["code"]) == ("failed", "estimate_timed_out")

@@ -8,7 +8,7 @@ import pytest
 
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Leftover
-from app.meals.upload.after_meal import AfterWindows
+from app.meals.upload.after_meal import end_due_windows
 from app.records.recompute_records import rebuild_records
 from tests.integration.records.after_pairs import (
     HINTS,
@@ -276,7 +276,7 @@ def close_windows_in(state, **after):
     with state.database.write() as session:
         for meal in session.query(Meal).filter(Meal.after_due_at.is_not(None)):
             meal.after_due_at -= timedelta(**after)
-    return AfterWindows(state.database).close_due()
+    return end_due_windows(state.database)
 
 
 def change_seqs(state):
@@ -291,7 +291,7 @@ def test_window_ends_and_the_records_are_counted_as_changed_and_a_late_pair_is_s
     assert waiting.record("apple")["provisional"] is False
     assert waiting.after is None
     assert min(change_seqs(state)) > max(before)
-    assert AfterWindows(state.database).close_due() == 0
+    assert end_due_windows(state.database) == 0
     before = change_seqs(state)
     waiting.send_after().after_measured(left_of_apple(100.0))
     assert waiting.record("apple")["left_g"] > 0
@@ -312,8 +312,7 @@ def test_windows_end_in_bounded_batches(enrol, state, monkeypatch):
     for seed in range(3):
         Table(phone, state, seed=seed).measured()
     monkeypatch.setattr("app.meals.upload.after_meal.BATCH", 2)
-    chore = AfterWindows(state.database)
-    assert [chore.close_due(), chore.close_due(), chore.close_due()] == [2, 1, 0]
+    assert [end_due_windows(state.database) for _ in range(3)] == [2, 1, 0]
 
 
 def test_leftovers_of_a_meal_whose_food_is_not_known_are_matched_all_the_same(table):

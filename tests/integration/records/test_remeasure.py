@@ -7,7 +7,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.children.child_pool import ChildResult
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import Run
@@ -51,7 +51,7 @@ def participant(phone, state, client):
 @pytest.fixture
 def work(state, settings, children, participant):
     """Do the newest job in the way of the worker, without its queue."""
-    worker = EstimateMeal(state.database, state.blobs, children, settings)
+    worker = EstimatePair(state.database, state.blobs, children, settings)
 
     def work():
         with state.database.read() as session:

@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.meals.estimate.camera_json import camera_to_json, rig_to_json
 from app.meals.estimate.run_estimate import estimate_task
+from app.vision.intrinsics import camera_to_json
+from app.vision.rig import rig_to_json
 from tests.integration.conftest import meal_metadata
 from tests.integration.meals.upload.measuring import estimate
 from tests.integration.records.reviewing import Speaker

@@ -9,7 +9,7 @@ from structlog.testing import capture_logs
 
 from app.children.child_pool import ChildResult
 from app.children.faults import BrokenOff, JobFailure, is_passing
-from app.meals.estimate.estimate_meal import AWAITS_ROOM, EstimateMeal
+from app.meals.estimate.estimate_pair import AWAITS_ROOM, EstimatePair
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import MealImage
 from tests.integration.conftest import meal_metadata
@@ -46,7 +46,7 @@ def test_estimate_that_the_machine_ended_is_worth_another_try_and_the_phone_sees
 ):
     """Of a meal that was erased meanwhile nothing is said: a worker once logged NoResultFound."""
     children = Children(ChildResult(outcome, limit="120 s"))
-    work = EstimateMeal(state.database, state.blobs, children, state.settings)
+    work = EstimatePair(state.database, state.blobs, children, state.settings)
     with pytest.raises(BrokenOff) as broken:
         work.compute(job_id, is_alone=True)
     assert children.alone == [True]
@@ -62,7 +62,7 @@ def test_estimate_that_the_machine_ended_is_worth_another_try_and_the_phone_sees
 def test_estimate_that_its_photographs_ended_is_not_tried_again(state, job_id):
     for outcome, code in (("crashed", "estimate_crashed"), ("out_of_memory", "estimate_out_of_memory")):
         children = Children(ChildResult(outcome, limit="3072 MiB"))
-        work = EstimateMeal(state.database, state.blobs, children, state.settings)
+        work = EstimatePair(state.database, state.blobs, children, state.settings)
         answer = work.load(work.compute(job_id)).answer
         assert answer.failure.code == code
         assert "{limit}" not in answer.failure.message
@@ -72,7 +72,7 @@ def test_disk_that_is_full_for_a_while_in_the_child_fails_no_meal(state, job_id)
     """In a storm a full disk met the child at its output: the meal was `internal_error` at once."""
     children = Children(ChildResult("raised", message="OSError: no space left on device", errno=errno.ENOSPC))
     with pytest.raises(OSError, match="no space left") as full:
-        EstimateMeal(state.database, state.blobs, children, state.settings).compute(job_id)
+        EstimatePair(state.database, state.blobs, children, state.settings).compute(job_id)
     assert is_passing(full.value)
 
 
@@ -80,7 +80,7 @@ def test_photograph_that_the_store_has_lost_fails_its_meal_by_name(state, job_id
     with state.database.read() as session:
         image = session.scalars(sa.select(MealImage)).first()
     state.blobs.delete(image.blob_key)
-    work = EstimateMeal(state.database, state.blobs, Children(ChildResult("crashed")), state.settings)
+    work = EstimatePair(state.database, state.blobs, Children(ChildResult("crashed")), state.settings)
     with pytest.raises(JobFailure) as lost:
         work.compute(job_id)
     assert lost.value.failure.code == "photograph_missing"

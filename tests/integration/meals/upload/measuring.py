@@ -5,7 +5,7 @@ import pathlib
 import uuid
 
 from app.children.child_pool import ChildResult
-from app.meals.estimate.estimate_meal import EstimateMeal
+from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from tests.support.estimates import answer
@@ -38,7 +38,7 @@ class RecordingChildren:
 def estimate(state, settings, meal_id, *items, purpose="meal", run=None):
     """Estimate the newest job of a meal and save it; returns the children."""
     children = RecordingChildren(*items, run=run)
-    use_case = EstimateMeal(state.database, state.blobs, children, settings)
+    use_case = EstimatePair(state.database, state.blobs, children, settings)
     with state.database.read() as session:
         jobs = session.query(Job).join(Meal, Meal.id == Job.meal_id).order_by(Job.enqueued_at.desc())
         job_id = jobs.filter(Meal.client_id == uuid.UUID(meal_id), Job.purpose == purpose).first().id

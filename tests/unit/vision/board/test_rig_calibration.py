@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 from app.core.errors import Failure
-from app.meals.estimate.camera_json import rig_to_json
 from app.vision.board.rig_calibration import RigCalibration, calibrate_rig
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
-from app.vision.rig import rig_from_mapping
+from app.vision.rig import rig_from_mapping, rig_to_json
 from tests.unit.vision.synthetic import Pose, look_at
 from tests.unit.vision.tag_boards import photograph as take_photograph
 

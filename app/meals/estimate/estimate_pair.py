@@ -19,7 +19,12 @@ from sqlalchemy.orm import Session
 
 from app.candidates.classify import ClassifyFoods
 from app.candidates.identify import IdentifyFoods
-from app.children.child_pool import ChildCancelledError, ChildPool, ChildRequest
+from app.children.child_pool import (
+    ChildCancelledError,
+    ChildPool,
+    ChildRequest,
+    ChildResult,
+)
 from app.children.faults import CANCELLED, PHOTOGRAPH_ERASED, BrokenOff, JobFailure
 from app.core.errors import Failure
 from app.core.logs import bind_log_context
@@ -27,7 +32,7 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.foods import queries as foods
 from app.identification.food_index import FoodIndex, shipped_index
-from app.meals.estimate.camera_choice import choose_camera, choose_rig
+from app.meals.estimate.camera_choice import ChosenCamera, choose_camera, choose_rig
 from app.meals.estimate.estimate_json import (
     answer_of,
     hint_from_json,
@@ -37,19 +42,18 @@ from app.meals.estimate.estimate_json import (
 from app.meals.estimate.save_estimate import save_estimate
 from app.meals.stored import queries as meals
 from app.meals.stored.job_models import RERUN_OF, Job
-from app.meals.stored.models import HintDetails, Meal, MealImage, PairDetails
+from app.meals.stored.models import Meal, MealImage, PairDetails
 from app.meals.stored.receive_photo import sha256_of_file
 from app.meals.stored.run_answer import RunAnswer
 from app.metrics import instruments
 from app.people import privacy_queries as privacy
-from app.people.calibration_models import CameraDetails
 from app.people.models import Study
 from app.photos.slots import AFTER_SLOTS, PAIR_SLOTS, VIEW_SLOTS, confidence_slot, depth_slot
 from app.records.project_records import project_meal
-from app.records.review.remeasure import regions_to_measure
+from app.records.review.remeasure import Regions, regions_to_measure
 from app.storage.blob_store import BlobMissingError, BlobStore
 from app.storage.patient_fetcher import PatientFetcher
-from app.vessels.meal_vessels import vessels_of_meal
+from app.vessels.meal_vessels import VesselsOfMeal, vessels_of_meal
 from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MealEstimate
@@ -102,10 +106,35 @@ class SealedAnswer:
     answer: RunAnswer
 
 
-class EstimateMeal:
+@dataclass(frozen=True, slots=True)
+class _Plan:
+    """What a job measures, read in one transaction.
+
+    is_after: the after-meal pair; else the meal's own photographs
+    may_identify: whether the foods may be identified
+    images: by slot, more than are measured
+    views, maps: slots of the photographs and depth maps to measure
+    regions: those that a person drew, if the job is of them
+    """
+
+    job: Job
+    meal: Meal
+    study_code: str
+    is_after: bool
+    may_identify: bool
+    images: Mapping[str, MealImage]
+    views: Sequence[str]
+    maps: Sequence[str]
+    options: EstimateOptions
+    chosen: ChosenCamera
+    library: VesselsOfMeal
+    regions: Regions | None
+
+
+class EstimatePair:
     """The use cases of a worker; one per process.
 
-    may_identify: whether the foods of a meal's own pair may be identified; may raise JobFailure.
+    may_identify: whether the foods of a meal's own pair may be identified; may raise JobFailure
     """
 
     def __init__(
@@ -129,88 +158,44 @@ class EstimateMeal:
     def compute(self, job_id: uuid.UUID, *, is_alone: bool = False) -> str:
         """Run the pipeline and seal its answer and pictures. Returns the answer's blob key.
 
-        is_alone: run while this worker estimates nothing else. Raises BrokenOff.
+        is_alone: run while this worker estimates nothing else. Raises BrokenOff, JobFailure.
         """
-        with self._database.read() as session:
-            job = session.get_one(Job, job_id)
-            meal = session.get_one(Meal, job.meal_id)
-            study = session.get_one(Study, meal.study_id)
-            may_identify = job.purpose != "meal" or self._may_identify(meal)
-            slots, maps = (
-                (AFTER_SLOTS, ()) if _is_of_after(job) else (meal.view_slots, meal.map_slots)
-            )
-            images = {
-                image.slot: image
-                for image in meals.images_of(session, meal.id)
-                if image.slot in (*slots, *maps)
-            }
-            depth_camera = meal.details.get("depth_camera")
-            regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
-            hints, is_complete = (
-                (regions.hints, True) if regions is not None else _stated_hints(job, meal)
-            )
-            sizes = [  # of further views, those that the camera does not fit are left out
-                (images[slot].width_px, images[slot].height_px) for slot in slots
-            ]
-            has_depth = "left_depth" in maps
-            chosen = choose_rig(
-                session, meal=meal, study=study, sizes=sizes, has_depth=has_depth
-            ) or choose_camera(
-                session,
-                meal_camera=_meal_camera(job, meal),
-                device_id=meal.device_id,
-                study=study,
-                sizes=sizes[: len(PAIR_SLOTS)],
-            )
-            library = vessels_of_meal(session, study.id, hints)
-            options = self._options(
-                session,
-                _scale(job, meal, study, chosen.rig, has_depth=has_depth),
-                library.in_hints(hints),
-            )
-            options = replace(
-                options, camera=chosen.camera, vessels=library.models, is_complete=is_complete
-            )
-        log.info("estimate_begun", meal_id=str(meal.id), purpose=job.purpose)
-        prefix = f"{meal.study_id}/{meal.id}/runs/{job_id}"
+        plan = self._plan(job_id)
+        log.info("estimate_begun", meal_id=str(plan.meal.id), purpose=plan.job.purpose)
+        prefix = f"{plan.meal.study_id}/{plan.meal.id}/runs/{job_id}"
         with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             folder = Path(name)
             paths = {
-                view: self._fetch(images[slot], folder)
-                for view, slot in zip(VIEW_SLOTS, slots, strict=False)
+                slot: self._fetch(plan.images[slot], folder) for slot in (*plan.views, *plan.maps)
             }
-            maps_by_slot = {slot: str(self._fetch(images[slot], folder)) for slot in maps}
-            depths = {
-                view: {
-                    "depth": maps_by_slot[depth_slot(view)],
-                    "camera": depth_camera,
-                    "confidence": maps_by_slot.get(confidence_slot(view)),
-                }
-                for view in PAIR_SLOTS
-                if depth_slot(view) in maps_by_slot
-            }
-            answer = self._estimate(job, paths, depths, options, folder, is_alone=is_alone)
-            chosen.note_in(answer)
-            library.note_in(answer.parameters)
-            if (
-                regions is not None
-            ):  # the item of each hint: the meal may have changed when it is saved
-                answer.regions = list(regions.items)
-            if not may_identify:  # it needs a review: nothing says which foods these are
+            try:
+                done = self._children.run(
+                    self._request(plan, paths, folder),
+                    lambda stage: self._tell_stage(plan.job, stage),
+                    name=str(job_id),
+                    is_alone=is_alone,
+                )
+            except ChildCancelledError:
+                raise JobFailure(CANCELLED) from None
+            answer = _answer_of(plan, done)
+            plan.chosen.note_in(answer)
+            plan.library.note_in(answer.parameters)
+            if plan.regions is not None:  # of each hint: the meal may have changed when it is saved
+                answer.regions = list(plan.regions.items)
+            if not plan.may_identify:  # it needs a review: nothing says which foods these are
                 for item in answer.items:
                     item.hint = None
-            elif not _is_of_after(job):  # leftovers are of the foods that were served
-                self._identify.add_candidates(meal, answer)
-                self._classify.add_candidates(study.code, answer, paths["left"])
+            elif not plan.is_after:  # leftovers are of the foods that were served
+                self._identify.add_candidates(plan.meal, answer)
+                self._classify.add_candidates(plan.study_code, answer, paths[plan.views[0]])
             for artefact in answer.artefacts:
                 artefact.blob_key = f"{prefix}/{artefact.name}/{artefact.sha256}"
                 self._blobs.put_file(artefact.blob_key, folder / artefact.name)
         result = answer.write()
         result_key = f"{prefix}/result.json/{hashlib.sha256(result).hexdigest()}"
         self._blobs.put_bytes(result_key, result)
-        self._delete_results_if_erased(
-            meal.id, [result_key, *(artefact.blob_key for artefact in answer.artefacts)]
-        )
+        sealed = [result_key, *(artefact.blob_key for artefact in answer.artefacts)]
+        self._delete_results_if_erased(plan.meal.id, sealed)
         return result_key
 
     def load(self, result_key: str) -> SealedAnswer:
@@ -244,12 +229,88 @@ class EstimateMeal:
             privacy.schedule_deletion(session, sealed, datetime.now(UTC))
         raise JobFailure(PHOTOGRAPH_ERASED)
 
-    def _options(
-        self, session: Session, scale: EstimateOptions, hints: Sequence[Mapping[str, Any]]
-    ) -> EstimateOptions:
-        options = replace(scale, hints=tuple(hint_from_json(hint) for hint in hints))
-        keys = {hint.food for hint in options.hints if hint.food}
-        return with_forms(options, foods.foods_by_key(session, keys) if keys else {})
+    def _plan(self, job_id: uuid.UUID) -> _Plan:
+        """Read what the job measures. Raises JobFailure (nothing gives the scale)."""
+        with self._database.read() as session:
+            job = session.get_one(Job, job_id)
+            meal = session.get_one(Meal, job.meal_id)
+            study = session.get_one(Study, meal.study_id)
+            is_after = RERUN_OF.get(job.purpose, job.purpose) == "after"
+            views, maps = (AFTER_SLOTS, ()) if is_after else (meal.view_slots, meal.map_slots)
+            details = meal.after_details if is_after else meal.details
+            images = meals.images_by_slot(session, meal.id)
+            # of further views, those that the camera does not fit are left out
+            sizes = [(images[slot].width_px, images[slot].height_px) for slot in views]
+            has_depth = "left_depth" in maps
+            camera = details["camera"] if details is not None else None
+            chosen = choose_rig(
+                session, meal=meal, study=study, sizes=sizes, has_depth=has_depth
+            ) or choose_camera(
+                session,
+                meal_camera=camera or meal.details["camera"],
+                device_id=meal.device_id,
+                study=study,
+                sizes=sizes[: len(PAIR_SLOTS)],
+            )
+            regions = regions_to_measure(session, job, meal) if job.purpose == "remeasure" else None
+            hints: Sequence[Mapping[str, Any]] = details["hints"] if details is not None else ()
+            is_complete = details is not None and details.get("complete", False)
+            if regions is not None:
+                hints, is_complete = regions.hints, True
+            library = vessels_of_meal(session, study.id, hints)
+            options = _scale(meal, study, details, chosen.rig, has_depth=has_depth)
+            options = replace(
+                options,
+                camera=chosen.camera,
+                vessels=library.models,
+                hints=tuple(hint_from_json(hint) for hint in library.in_hints(hints)),
+                is_complete=is_complete,
+            )
+            keys = {hint.food for hint in options.hints if hint.food}
+            if keys:
+                options = with_forms(options, foods.foods_by_key(session, keys))
+            return _Plan(
+                job=job,
+                meal=meal,
+                study_code=study.code,
+                is_after=is_after,
+                may_identify=job.purpose != "meal" or self._may_identify(meal),
+                images=images,
+                views=views,
+                maps=maps,
+                options=options,
+                chosen=chosen,
+                library=library,
+                regions=regions,
+            )
+
+    def _request(self, plan: _Plan, paths: Mapping[str, Path], folder: Path) -> ChildRequest:
+        """paths: by slot. folder: for the pictures."""
+        files = {slot: str(path) for slot, path in paths.items()}
+        depths = {
+            view: {
+                "depth": files[depth_slot(view)],
+                "camera": plan.meal.details.get("depth_camera"),
+                "confidence": files.get(confidence_slot(view)),
+            }
+            for view in PAIR_SLOTS
+            if depth_slot(view) in plan.maps
+        }
+        index = self._settings.food_index
+        return ChildRequest(
+            task="estimate",
+            arguments={
+                "photographs": dict(
+                    zip(VIEW_SLOTS, (files[slot] for slot in plan.views), strict=False)
+                ),
+                "depths": depths,
+                "options": options_to_json(plan.options),
+                "output_dir": str(folder),
+                "max_pixels": self._settings.max_photo_pixels,
+                "food_index": str(index) if index is not None else None,
+            },
+            is_costly=plan.job.is_background,
+        )
 
     def _fetch(self, image: MealImage, folder: Path) -> Path:
         if image.erased_at is not None:
@@ -275,65 +336,6 @@ class EstimateMeal:
         except sqlalchemy.exc.SQLAlchemyError:
             log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
 
-    def _estimate(
-        self,
-        job: Job,
-        paths: Mapping[str, Path],
-        depths: Mapping[str, Mapping[str, object]],
-        options: EstimateOptions,
-        folder: Path,
-        *,
-        is_alone: bool,
-    ) -> RunAnswer:
-        request = ChildRequest(
-            task="estimate",
-            arguments={
-                "photographs": {view: str(path) for view, path in paths.items()},
-                "depths": depths,
-                "options": options_to_json(options),
-                "output_dir": str(folder),
-                "max_pixels": self._settings.max_photo_pixels,
-                "food_index": str(self._settings.food_index)
-                if self._settings.food_index is not None
-                else None,
-            },
-            is_costly=job.is_background,
-        )
-        try:
-            done = self._children.run(
-                request,
-                lambda stage: self._tell_stage(job, stage),
-                name=str(job.id),
-                is_alone=is_alone,
-            )
-        except ChildCancelledError:
-            raise JobFailure(CANCELLED) from None
-        if done.failure is None:
-            answer = RunAnswer.model_validate(done.result)
-            _note_times(answer)
-            return answer
-        log.error(
-            "estimate_ended_badly",
-            meal_id=str(job.meal_id),
-            outcome=done.outcome,
-            message=done.message,
-        )
-        if (
-            done.errno is not None
-        ):  # such as a full disk, no bug: faults.py tells which of these pass
-            raise OSError(done.errno, done.message)
-        if done.is_passing:
-            raise BrokenOff(done.failure)
-        ended = MealEstimate(
-            method=options.method,
-            pipeline_version=PIPELINE_VERSION,
-            stages={},
-            failure=done.failure,
-        )
-        answer = answer_of(ended, options)
-        answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
-        return answer
-
     def _tell_stage(self, job: Job, stage: str) -> None:
         """Show the progress of the meal's own pair to the phone; a failure to do so does not fail the estimate."""
         log.info("estimate_stage", stage=stage)
@@ -346,41 +348,18 @@ class EstimateMeal:
             log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
 
 
-def _is_of_after(job: Job) -> bool:
-    """Whether the job's photographs are the after-meal pair."""
-    return RERUN_OF.get(job.purpose, job.purpose) == "after"
-
-
-def _pair_details(job: Job, meal: Meal) -> PairDetails | None:
-    """Return the metadata of the job's pair."""
-    return meal.after_details if _is_of_after(job) else meal.details
-
-
-def _stated_hints(job: Job, meal: Meal) -> tuple[Sequence[HintDetails], bool]:
-    """Return the hints of the job's pair, and whether they are complete."""
-    details = _pair_details(job, meal)
-    return (
-        (details["hints"], details.get("complete", False)) if details is not None else ((), False)
-    )
-
-
-def _meal_camera(job: Job, meal: Meal) -> CameraDetails | None:
-    """Return the camera of the pair's metadata; for an after-meal pair, the meal's is the default."""
-    own = (
-        meal.after_details["camera"]
-        if _is_of_after(job) and meal.after_details is not None
-        else None
-    )
-    return own if own is not None else meal.details["camera"]
-
-
 def _scale(
-    job: Job, meal: Meal, study: Study, rig: StereoRig | None, *, has_depth: bool
+    meal: Meal,
+    study: Study,
+    details: PairDetails | None,
+    rig: StereoRig | None,
+    *,
+    has_depth: bool,
 ) -> EstimateOptions:
-    """Return options with what the scale may come from: the rig, or the marker and the poses of the job's pair."""
+    """Return options with what the scale may come from: the rig, or marker and poses of the pair."""
     if rig is not None:
         return EstimateOptions(None, rig=rig)
-    marker, details = meal.details["marker"] or study.marker, _pair_details(job, meal)
+    marker = meal.details["marker"] or study.marker
     poses = details.get("poses") if details is not None else None
     if marker is None and poses is None and not has_depth:
         raise JobFailure(SCALE_MISSING)
@@ -388,6 +367,31 @@ def _scale(
         parse_marker(marker) if marker is not None else None,
         poses=poses_from_mapping(poses) if poses is not None else None,
     )
+
+
+def _answer_of(plan: _Plan, done: ChildResult) -> RunAnswer:
+    """Return the child's answer, or that of a meal which cannot be measured here.
+
+    Raises BrokenOff (it may succeed later), OSError (of the child; faults.py knows which pass).
+    """
+    if done.failure is None:
+        answer = RunAnswer.model_validate(done.result)
+        _note_times(answer)
+        return answer
+    log.error(
+        "estimate_ended_badly",
+        meal_id=str(plan.meal.id),
+        outcome=done.outcome,
+        message=done.message,
+    )
+    if done.errno is not None:  # such as a full disk
+        raise OSError(done.errno, done.message)
+    if done.is_passing:
+        raise BrokenOff(done.failure)
+    ended = MealEstimate(plan.options.method, PIPELINE_VERSION, stages={}, failure=done.failure)
+    answer = answer_of(ended, plan.options)
+    answer.artefacts = []  # set, so that it is written: a worker of the previous version reads it
+    return answer
 
 
 def _note_times(answer: RunAnswer) -> None:
