@@ -85,7 +85,7 @@ from app.privacy import me_api as me_privacy
 from app.privacy import receipts_api as receipts
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
-from app.records import photographs_api as photographs
+from app.records import serve_photo as photographs
 from app.records.remeasurements import api as remeasurements
 from app.records.review import api as review
 from app.records.review.meal_events import MealEvents

@@ -14,9 +14,7 @@ from app.core.errors import ConflictError, NotFoundError
 
 if TYPE_CHECKING:
     from app.db.session import Database
-    from app.records.remeasurements.queries import Selection
-    from app.records.remeasurements.remeasurements import RemeasurementView
-    from app.records.remeasurements.schemas import ComparedItemOut
+    from app.records.remeasurements.schemas import ComparedItemOut, RemeasurementOut, Selection
 
 LOOK_SECONDS = 0.5
 LINE_SECONDS = 10.0  # between two lines of progress, where they cannot be overwritten
@@ -69,7 +67,7 @@ def remeasure(
             as_json=as_json,
             rows={study: list(_rows(database, study, works)) for study in works},
         )
-    raise SystemExit(0 if all(view.remeasurement.state == "done" for view in views.values()) else 1)
+    raise SystemExit(0 if all(view.state == "done" for view in views.values()) else 1)
 
 
 def _selections(
@@ -80,7 +78,7 @@ def _selections(
     Raises NotFoundError, ConflictError (`meal_id_ambiguous`).
     """
     from app.meals.stored import queries as meals
-    from app.records.remeasurements.queries import Selection
+    from app.records.remeasurements.schemas import Selection
 
     chosen: dict[str, set[uuid.UUID]] = {}
     whole: set[str] = set()
@@ -119,13 +117,12 @@ def _meal_id(target: str) -> uuid.UUID | None:
 def _print_plan(
     database: "Database", selections: Mapping[str, "Selection"], *, as_json: bool
 ) -> None:
-    from app.records.remeasurements.remeasurements import Requester, plan_remeasurement
-    from app.records.remeasurements.schemas import render_plan
+    from app.records.remeasurements.remeasurements import Requester, count_plan, plan_remeasurement
 
     documents = []
     for study, selection in selections.items():
         pairs = plan_remeasurement(database, Requester(author()), study, selection)
-        numbers = render_plan(pairs)
+        numbers = count_plan(pairs)
         if as_json:
             rows = [
                 {
@@ -153,10 +150,10 @@ def _start(database: "Database", selections: Mapping[str, "Selection"]) -> Works
     works = {}
     for study, selection in selections.items():
         view, is_new = start_remeasurement(database, Requester(author()), study, selection)
-        works[study] = view.remeasurement.id
+        works[study] = view.id
         if not is_new:
             print(
-                f"{study}: continued, {view.progress.waiting} of {view.progress.pairs} pairs left",
+                f"{study}: continued, {view.waiting} of {view.pairs} pairs left",
                 file=sys.stderr,
             )
     return works
@@ -173,7 +170,7 @@ def _stop(database: "Database", works: Works) -> None:
                 raise
 
 
-def _read(database: "Database", works: Works) -> dict[str, "RemeasurementView"]:
+def _read(database: "Database", works: Works) -> dict[str, "RemeasurementOut"]:
     from app.records.remeasurements.remeasurements import Requester, read_remeasurement
 
     return {
@@ -187,7 +184,7 @@ def _follow(database: "Database", works: Works) -> None:
     shown_at, shown = 0.0, ""
     while True:
         views = _read(database, works)
-        is_running = any(view.remeasurement.state == "running" for view in views.values())
+        is_running = any(view.state == "running" for view in views.values())
         line = "  ".join(f"{study}: {_progress(view)}" for study, view in views.items())
         if is_running and not _has_worker(database):
             line += "  (no worker is running: start `tada worker`)"
@@ -204,12 +201,9 @@ def _follow(database: "Database", works: Works) -> None:
         print(file=sys.stderr)
 
 
-def _progress(view: "RemeasurementView") -> str:
-    progress = view.progress
-    states = ", ".join(
-        f"{progress.states.get(state, 0)} {state}" for state in ("measured", "kept", "skipped")
-    )
-    return f"{progress.pairs - progress.waiting} of {progress.pairs} pairs ({states})"
+def _progress(view: "RemeasurementOut") -> str:
+    states = f"{view.measured} measured, {view.kept} kept, {view.skipped} skipped"
+    return f"{view.pairs - view.waiting} of {view.pairs} pairs ({states})"
 
 
 def _has_worker(database: "Database") -> bool:
@@ -220,40 +214,36 @@ def _has_worker(database: "Database") -> bool:
 
 def _rows(database: "Database", study: str, works: Works) -> Iterator["ComparedItemOut"]:
     from app.records.remeasurements.remeasurements import Requester, list_compared
-    from app.records.remeasurements.schemas import render_row
 
     cursor = None
     while True:
         page = list_compared(
             database, Requester(author()), study, works[study], cursor=cursor, limit=1000
         )
-        yield from (render_row(row) for row in page.rows)
+        yield from page.rows
         cursor = page.cursor
         if cursor is None:
             return
 
 
 def _print_views(
-    views: Mapping[str, "RemeasurementView"],
+    views: Mapping[str, "RemeasurementOut"],
     *,
     as_json: bool,
     rows: Mapping[str, list["ComparedItemOut"]] | None = None,
 ) -> None:
-    from app.records.remeasurements.schemas import render_remeasurement
-
     documents = []
     for study, view in views.items():
-        numbers = render_remeasurement(view)
         table = rows[study] if rows is not None else []
         if as_json:
             items = [row.model_dump(mode="json") for row in table]
-            documents.append({"study": study, **numbers.model_dump(mode="json"), "rows": items})
+            documents.append({"study": study, **view.model_dump(mode="json"), "rows": items})
             continue
         for row in table:
             print(_line(row))
-        reasons = "".join(f", {count} {reason}" for reason, count in numbers.reasons.items())
-        differ = f"{numbers.items_changed} of {numbers.items} items differ"
-        print(f"{study}: {numbers.state}, {_progress(view)}{reasons}; {differ}")
+        reasons = "".join(f", {count} {reason}" for reason, count in view.reasons.items())
+        differ = f"{view.items_changed} of {view.items} items differ"
+        print(f"{study}: {view.state}, {_progress(view)}{reasons}; {differ}")
     if as_json:
         print(json.dumps(documents))
 

@@ -6,10 +6,9 @@ reproducible: the same data give the same result.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import date
 from functools import cache
-from typing import TYPE_CHECKING, Literal
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -27,6 +26,7 @@ from app.diary.day_definition import (
     sum_and_coverage,
     whole_amount,
 )
+from app.diary.schemas import AdequacyOut, Reason, StageAdequacyOut, VariancesOut
 from app.diary.study_days import person_on, stage_of
 from app.foods.models import Component as FoodComponent
 from app.foods.models import FoodNutrient
@@ -40,7 +40,7 @@ from app.nutrition.components import (
     Component,
 )
 from app.nutrition.intakes.life_stage import LifeStage
-from app.nutrition.intakes.reference_intakes import Per, ReferenceIntake, reference_intakes
+from app.nutrition.intakes.reference_intakes import ReferenceIntake, reference_intakes
 from app.people.access.caller import Caller
 from app.people.models import Participant
 from app.people.profiles import Profile
@@ -124,9 +124,6 @@ def _contents(number: str) -> sa.Subquery:
     )
 
 
-if TYPE_CHECKING:
-    from app.nutrition.intakes.usual_intake import Scale
-
 # of a day's grams; days with less are left out, since they would count as a low intake
 MIN_COVERAGE = 0.9
 COLUMNS: Mapping[str, str] = {headline.numbers[0]: headline.column for headline in HEADLINES}
@@ -147,61 +144,6 @@ METHOD = (
     "(NRC 1986, IOM 2000)."
 )
 SEED = 1986  # arbitrary; makes the interval reproducible
-
-Reason = Literal[
-    "energy_follows_need",
-    "no_ear",
-    "need_is_skewed",
-    "intake_is_lower_bound",
-    "too_few_persons",
-    "no_repeated_days",
-    "no_difference_between_persons",
-]
-
-
-@dataclass(frozen=True, slots=True)
-class Variances:
-    """Variance components on the scale of analysis, within a person's days and between persons."""
-
-    scale: "Scale"
-    within: float
-    between: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class StageAdequacy:
-    """The result of one life stage. reason: why there is no share.
-
-    ear: per day, or per day and kilogram of body weight. days: closed days that were used; days_left_out: closed days
-    with too low a coverage.
-    """
-
-    life_stage: LifeStage
-    persons: int
-    days: int
-    days_left_out: int
-    ear: float | None
-    per: Per | None
-    compared_with: str | None
-    mean_usual_intake: float | None = None
-    share_below_ear: float | None = None
-    share_interval: tuple[float, float] | None = None
-    unadjusted_share: float | None = None
-    variances: Variances | None = None
-    reason: Reason | None
-
-
-@dataclass(frozen=True, slots=True)
-class Adequacy:
-    """A study's groups. persons_without_stage: participants with closed days of unknown life stage or weight."""
-
-    number: str
-    tagname: str | None
-    name: str
-    unit: str
-    groups: tuple[StageAdequacy, ...]
-    persons_without_stage: int
-    method: str = METHOD
 
 
 @dataclass(slots=True)
@@ -231,7 +173,7 @@ def judge_study(
     *,
     first_day: date | None,
     last_day: date | None,
-) -> Adequacy:
+) -> AdequacyOut:
     """Judge the intake of a component by number, tagname or record column. Raises NotFoundError, InvalidInputError."""
     component = find_component(component_name)
     with database.read() as session:
@@ -251,16 +193,16 @@ def judge_study(
         group.days_left_out += participant.days - len(participant.amounts)
         if participant.amounts:
             group.days.append([amount / divisor for amount in participant.amounts])
-    results = tuple(
-        _judge(stage, groups[stage], component.number) for stage in LifeStage if stage in groups
-    )
-    return Adequacy(
-        component.number,
-        component.tagname,
-        component.name,
-        component.unit,
-        results,
-        persons_without_stage,
+    return AdequacyOut(
+        number=component.number,
+        tagname=component.tagname,
+        name=component.name,
+        unit=component.unit,
+        groups=[
+            _judge(stage, groups[stage], component.number) for stage in LifeStage if stage in groups
+        ],
+        persons_without_stage=persons_without_stage,
+        method=METHOD,
     )
 
 
@@ -299,9 +241,9 @@ def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
     )  # prefer per day to per kilogram
 
 
-def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
+def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacyOut:
     reference = group.reference
-    adequacy = StageAdequacy(
+    adequacy = StageAdequacyOut(
         life_stage=stage,
         persons=len(group.days),
         days=sum(map(len, group.days)),
@@ -309,6 +251,11 @@ def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
         ear=reference.ear if reference is not None else None,
         per=reference.per if reference is not None else None,
         compared_with=reference.compared_with if reference is not None else None,
+        mean_usual_intake=None,
+        share_below_ear=None,
+        share_interval=None,
+        unadjusted_share=None,
+        variances=None,
         reason=_reason_against(stage, reference, number),
     )
     if adequacy.reason is not None or adequacy.ear is None:
@@ -319,15 +266,16 @@ def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacy:
 
     judged = judge_group(group.days, adequacy.ear, np.random.default_rng(SEED))
     if isinstance(judged, NotJudged):
-        return replace(adequacy, reason=judged.reason)
-    return replace(
-        adequacy,
-        mean_usual_intake=judged.mean,
-        share_below_ear=judged.share_below,
-        share_interval=(judged.share_low, judged.share_high),
-        unadjusted_share=judged.unadjusted_share,
-        variances=Variances(judged.scale, judged.variances.within, judged.variances.between),
+        adequacy.reason = judged.reason
+        return adequacy
+    adequacy.mean_usual_intake = judged.mean
+    adequacy.share_below_ear = judged.share_below
+    adequacy.share_interval = (judged.share_low, judged.share_high)
+    adequacy.unadjusted_share = judged.unadjusted_share
+    adequacy.variances = VariancesOut(
+        scale=judged.scale, within=judged.variances.within, between=judged.variances.between
     )
+    return adequacy
 
 
 def _reason_against(

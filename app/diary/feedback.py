@@ -4,11 +4,9 @@ It is off unless the study gives feedback, since feedback changes what people ea
 says nothing about reaching a recommendation. Staff see the same feedback for participants of their studies.
 """
 
-import uuid
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from datetime import date, datetime, timedelta
-from typing import Literal
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict
+from datetime import date, timedelta
 
 from sqlalchemy.orm import Session
 
@@ -19,90 +17,31 @@ from app.diary import queries as days
 from app.diary.day_definition import FULL
 from app.diary.diary import ParticipantRef, find_participant
 from app.diary.queries import DayRow
+from app.diary.schemas import (
+    ComparedOut,
+    ComparisonOut,
+    EatenAmountOut,
+    EatenMealOut,
+    NoComparison,
+    SummaryOut,
+)
 from app.diary.study_days import person_on, stage_of
 from app.http.row_filter import RowFilter
-from app.meals.stored.event_models import DayStatus
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
 from app.messages.catalogue import feedback_sentence
 from app.nutrition.components import HEADLINE_BY_COLUMN, HEADLINE_COLUMNS, HEADLINES
-from app.nutrition.intakes.compare_intake import MIN_DAYS, Comparison, Kind, compare_intake
+from app.nutrition.intakes.compare_intake import MIN_DAYS, Kind, compare_intake
 from app.nutrition.intakes.life_stage import LifeStage
 from app.nutrition.intakes.reference_intakes import reference_intakes
 from app.nutrition.nutrients import NOTHING, interval_in_proportion
 from app.people.access.caller import Caller, DeviceCaller
-from app.people.models import Locale, Participant, Study
+from app.people.models import Participant, Study
 
 WINDOW_DAYS = 14  # two weeks: each weekday twice
 COMPARED = tuple(headline for headline in HEADLINES if headline.is_compared)
 
-NoComparison = Literal["days_needed", "profile_needed"]
 Sentence = tuple[str, dict[str, object]]  # a sentence's code and its values
-
-
-@dataclass(frozen=True, slots=True)
-class EatenAmount:
-    """An amount in its column's unit; None if it is known for no item.
-
-    interval: (low, high), at least 90 %; None if unknown. coverage: the share of the grams for which the amount is
-    known; None if grams are unknown.
-    """
-
-    amount: float | None
-    interval: tuple[float, float] | None
-    coverage: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class EatenMeal:
-    """A meal of the day. meal_id: the id that the phone made."""
-
-    meal_id: uuid.UUID
-    captured_at: datetime
-    items: int
-    unmeasured_items: int
-    components: Mapping[str, EatenAmount]
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedComponent(Comparison):
-    """A component's comparison. coverage: mean over the days."""
-
-    coverage: float
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedDays:
-    """The comparison of the window's whole days: closed days that are measured and final.
-
-    why_not: why there is no comparison.
-    """
-
-    window_days: int
-    closed_days: int
-    whole_days: int
-    components: Mapping[str, ComparedComponent]
-    why_not: NoComparison | None
-
-
-@dataclass(frozen=True, slots=True)
-class Feedback:
-    """A day's feedback. study_day: None if the participant has no first day yet."""
-
-    date: date
-    study_day: int | None
-    status: DayStatus
-    ate_nothing: bool
-    meals: tuple[EatenMeal, ...]
-    components: Mapping[str, EatenAmount]
-    unmeasured_meals: int
-    unmeasured_items: int
-    provisional_items: int
-    leftovers_unknown_items: int
-    comparison: ComparedDays
-    locale: Locale
-    sentences: tuple[str, ...]
-    disclaimer: str
 
 
 def read_feedback(
@@ -110,7 +49,7 @@ def read_feedback(
     caller: Caller,
     local_date: date | None,
     participant_ref: ParticipantRef | None = None,
-) -> Feedback:
+) -> SummaryOut:
     """Return a day's feedback; without a date, of the last day that has a meal or a diary entry.
 
     Raises NotAllowedError (`feedback_off`) for a phone whose study gives no feedback, InvalidInputError (`no_day_yet`),
@@ -131,11 +70,11 @@ def read_feedback(
         return _feedback(session, participant, study, day)
 
 
-def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDays:
+def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparisonOut:
     """Compare a window's days with the reference intakes of a life stage; stage None: unknown."""
     closed = [row for row in rows if row.status == "closed"]
     whole = [row for row in closed if row.is_complete]
-    compared: dict[str, ComparedComponent] = {}
+    compared: dict[str, ComparedOut] = {}
     why_not: NoComparison | None = None
     if len(whole) < MIN_DAYS:
         why_not = "days_needed"
@@ -152,13 +91,19 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparedDay
                 is_covered = len(amounts) == len(whole) and min(coverages) >= FULL
                 comparison = compare_intake(amounts, reference, kind, is_covered=is_covered)
                 coverage = sum(coverages) / len(coverages)
-                compared[column] = ComparedComponent(**asdict(comparison), coverage=coverage)
-    return ComparedDays(WINDOW_DAYS, len(closed), len(whole), compared, why_not)
+                compared[column] = ComparedOut(**asdict(comparison), coverage=coverage)
+    return ComparisonOut(
+        window_days=WINDOW_DAYS,
+        closed_days=len(closed),
+        whole_days=len(whole),
+        components=compared,
+        why_not=why_not,
+    )
 
 
 def sum_amounts(
     records: Iterable[EffectiveRecord], *, is_all: bool = True
-) -> dict[str, EatenAmount]:
+) -> dict[str, EatenAmountOut]:
     """Sum records by column, with an interval that is valid however the items' errors are correlated.
 
     Each end is the sum of the items' ends, as if all errors were fully correlated: the interval may be too wide, never
@@ -166,14 +111,13 @@ def sum_amounts(
     """
     eaten = list(records)
     sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}
-    return (
-        sums
-        if is_all
-        else {column: replace(amount, coverage=None) for column, amount in sums.items()}
-    )
+    if not is_all:
+        for amount in sums.values():
+            amount.coverage = None
+    return sums
 
 
-def _feedback(session: Session, participant: Participant, study: Study, day: date) -> Feedback:
+def _feedback(session: Session, participant: Participant, study: Study, day: date) -> SummaryOut:
     window = RowFilter(participant_id=participant.id, first_day=_window_start(day), last_day=day)
     rows = days.page_of_days(session, window)
     today = next((row for row in rows if row.local_date == day), None)
@@ -182,15 +126,16 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
     unmeasured_meals = today.unmeasured_meals if today is not None else 0
     person = person_on(participant.profile, day)
     if today is not None and today.is_nothing:
-        components = dict.fromkeys(HEADLINE_COLUMNS, EatenAmount(0.0, (0.0, 0.0), 1.0))
+        nothing = EatenAmountOut(amount=0.0, interval=(0.0, 0.0), coverage=1.0)
+        components = dict.fromkeys(HEADLINE_COLUMNS, nothing)
     else:
         components = sum_amounts(records, is_all=unmeasured_meals == 0)
-    feedback = Feedback(
+    feedback = SummaryOut(
         date=day,
         study_day=today.study_day if today is not None else None,
         status=today.status if today is not None else "open",
         ate_nothing=today is not None and today.ate_nothing,
-        meals=tuple(_eaten_meal(meal, meal_records) for meal, meal_records in meals),
+        meals=[_eaten_meal(meal, meal_records) for meal, meal_records in meals],
         components=components,
         unmeasured_meals=unmeasured_meals,
         unmeasured_items=sum(record.consumed_g is None for record in records),
@@ -198,46 +143,44 @@ def _feedback(session: Session, participant: Participant, study: Study, day: dat
         leftovers_unknown_items=today.leftovers_unknown_items if today is not None else 0,
         comparison=compare_days(rows, stage_of(person) if person is not None else None),
         locale=study.locale,
-        sentences=(),
+        sentences=[],
         disclaimer=feedback_sentence("not_advice", study.locale),
     )
-    sentences = (*_day_sentences(feedback), *_comparison_sentences(feedback))
-    return replace(
-        feedback,
-        sentences=tuple(
-            feedback_sentence(code, study.locale, **values) for code, values in sentences
-        ),
+    for code, values in (*_day_sentences(feedback), *_comparison_sentences(feedback)):
+        feedback.sentences.append(feedback_sentence(code, study.locale, **values))
+    return feedback
+
+
+def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMealOut:
+    return EatenMealOut(
+        meal_id=meal.client_id,
+        captured_at=meal.captured_at,
+        items=len(records),
+        unmeasured_items=sum(record.consumed_g is None for record in records),
+        components=sum_amounts(records),
     )
 
 
-def _eaten_meal(meal: Meal, records: Sequence[EffectiveRecord]) -> EatenMeal:
-    unmeasured = sum(record.consumed_g is None for record in records)
-    return EatenMeal(
-        meal.client_id, meal.captured_at, len(records), unmeasured, sum_amounts(records)
-    )
-
-
-def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmount:
+def _sum(eaten: Sequence[EffectiveRecord], column: str) -> EatenAmountOut:
     amounts = [
         (getattr(record, column), record) for record in eaten if getattr(record, column) is not None
     ]
     if not amounts:
-        return EatenAmount(None, None, None)
+        return EatenAmountOut(amount=None, interval=None, coverage=None)
     ends = [_ends(amount, record) for amount, record in amounts]
     interval = None
     if None not in ends:
         low, high = (max(sum(end), 0.0) for end in zip(*filter(None, ends), strict=True))
         if high > 0.0 or all(record.eaten_g == NOTHING for _, record in amounts):
-            interval = (
-                low,
-                high,
-            )  # otherwise the foods contain none of it, and the grams' interval does not apply
+            # otherwise the foods contain none of it, and the grams' interval does not apply
+            interval = low, high
     coverage = None
     if all(record.consumed_g is not None for record in eaten):
         whole_g = sum(_positive_g(record) for record in eaten)
         known_g = sum(_positive_g(record) for _, record in amounts)
         coverage = known_g / whole_g if whole_g > 0.0 else float(len(amounts) == len(eaten))
-    return EatenAmount(max(sum(amount for amount, _ in amounts), 0.0), interval, coverage)
+    whole_amount = max(sum(amount for amount, _ in amounts), 0.0)
+    return EatenAmountOut(amount=whole_amount, interval=interval, coverage=coverage)
 
 
 def _positive_g(record: EffectiveRecord) -> float:
@@ -273,7 +216,7 @@ def _window_start(day: date) -> date:
     return day - min(timedelta(days=WINDOW_DAYS - 1), day - date.min)
 
 
-def _day_sentences(feedback: Feedback) -> Iterator[Sentence]:
+def _day_sentences(feedback: SummaryOut) -> Iterator[Sentence]:
     energy, meals = feedback.components["energy_kcal"], len(feedback.meals)
     if feedback.ate_nothing:
         yield "nothing_eaten", {"day": feedback.date}
@@ -299,7 +242,7 @@ def _day_sentences(feedback: Feedback) -> Iterator[Sentence]:
         yield "day_open", {}
 
 
-def _comparison_sentences(feedback: Feedback) -> Iterator[Sentence]:
+def _comparison_sentences(feedback: SummaryOut) -> Iterator[Sentence]:
     comparison, locale = feedback.comparison, feedback.locale
     if comparison.why_not is not None:
         yield (

@@ -126,10 +126,9 @@ def get_adequacy(
 ) -> AdequacyOut:
     """Each life stage's persons, days, variances and share below the EAR, or the reason why there is no share."""
     require_order(first_day, last_day)
-    judged = judge_study(
+    return judge_study(
         state.database, staff, study, component, first_day=first_day, last_day=last_day
     )
-    return AdequacyOut.model_validate(judged, from_attributes=True)
 
 
 summaries = APIRouter(prefix="/v1", tags=["feedback"])
@@ -145,9 +144,7 @@ Day = Annotated[
 @summaries.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
 def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
     """A day's amounts and, from three closed days on, a comparison; only if the study gives feedback."""
-    return SummaryOut.model_validate(
-        read_feedback(state.database, device, day), from_attributes=True
-    )
+    return read_feedback(state.database, device, day)
 
 
 @summaries.get(
@@ -162,8 +159,7 @@ def get_summary_of_participant(
     day: Day = None,
 ) -> SummaryOut:
     """What the participant sees, or would see if the study gave feedback."""
-    feedback = read_feedback(state.database, staff, day, ParticipantRef(study, participant))
-    return SummaryOut.model_validate(feedback, from_attributes=True)
+    return read_feedback(state.database, staff, day, ParticipantRef(study, participant))
 
 
 for part_of_diary in (overviews, lists, summaries):

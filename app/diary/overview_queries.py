@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import UTC, date, datetime, time, timedelta
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -19,6 +19,7 @@ from app.diary.day_definition import (
     participants_of,
     within,
 )
+from app.diary.overview_schemas import CountedStatus, OverviewPeopleOut, PlaceOut
 from app.diary.queries import edge_days
 from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal, MealStatus
@@ -27,7 +28,6 @@ from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
 from app.records.review.queries import count_meals_to_look_at
 
-CountedStatus = Literal[MealStatus, "needs_look", "after_awaited", "after_failed"]
 WAITING: tuple[MealStatus, ...] = (
     "receiving",
     "queued",
@@ -39,30 +39,8 @@ NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status
 AFTER_PENDING = ("receiving", "queued", "processing")
 LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
+SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
-
-
-class PeopleCounts(NamedTuple):
-    """Numbers of participants. everybody: with those who left. active: with a meal in the window.
-
-    erased: of the withdrawn, those whose data were erased.
-    """
-
-    everybody: int
-    active: int
-    withdrawn: int
-    erased: int
-
-
-class Place(NamedTuple):
-    """Where a meal was eaten: WGS84, degrees, rounded as the study stores it. meal_id: the id that the phone made."""
-
-    meal_id: uuid.UUID
-    participant: str
-    captured_at: datetime
-    local_date: date
-    latitude: float
-    longitude: float
 
 
 class Person(NamedTuple):
@@ -117,7 +95,7 @@ class Window:
         self._first_day, self._last_day = first_day, last_day
         self._meals = _is_of_study(Meal, study_id, first_day, last_day)
 
-    def people(self) -> PeopleCounts:
+    def people(self) -> OverviewPeopleOut:
         """Count the participants."""
         has_meal = sa.exists().where(
             Meal.participant_id == Participant.id,
@@ -130,7 +108,12 @@ class Window:
             )
         ).one()
         erased = privacy.count_erased_participants(self._session, self._study_id)
-        return PeopleCounts(rows + erased, active_rows, withdrawn_rows + erased, erased)
+        return OverviewPeopleOut(
+            everybody=rows + erased,
+            active=active_rows,
+            withdrawn=withdrawn_rows + erased,
+            erased=erased,
+        )
 
     def persons(self) -> list[Person]:
         """Return the study's participants by code."""
@@ -174,8 +157,8 @@ class Window:
             for local_date, late, located, delays, *counts in self._session.execute(query)
         }
 
-    def places(self, limit: int) -> list[Place]:
-        """Return the newest places, by (captured_at, id)."""
+    def places(self, limit: int) -> list[PlaceOut]:
+        """Return the newest places, by (captured_at, id), rounded to SHOWN_DECIMALS."""
         latitude, longitude = (
             Meal.details["location"][name].as_float() for name in ("latitude", "longitude")
         )
@@ -198,7 +181,24 @@ class Window:
             .order_by(Meal.captured_at.desc(), Meal.id.desc())
             .limit(limit)
         )
-        return [Place(*row) for row in self._session.execute(query)]
+        return [
+            PlaceOut(
+                meal_id=meal_id,
+                participant=participant,
+                captured_at=captured_at,
+                local_date=local_date,
+                latitude=round(latitude_deg, SHOWN_DECIMALS),
+                longitude=round(longitude_deg, SHOWN_DECIMALS),
+            )
+            for (
+                meal_id,
+                participant,
+                captured_at,
+                local_date,
+                latitude_deg,
+                longitude_deg,
+            ) in self._session.execute(query)
+        ]
 
 
 def count_waiting(session: Session, study_id: uuid.UUID) -> dict[CountedStatus, int]:

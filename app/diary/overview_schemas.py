@@ -2,14 +2,15 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field
 
-from app.diary.overview_queries import CountedStatus
 from app.diary.schemas import UNMEASURED_MEALS
 from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+from app.meals.stored.models import MealStatus
 
+CountedStatus = Literal[MealStatus, "needs_look", "after_awaited", "after_failed"]
 WHOLE = (
     "Closed days that are measured and final, or on which nothing was eaten, with all energy known."
 )

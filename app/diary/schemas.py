@@ -6,8 +6,6 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from app.diary.adequacy import Reason
-from app.diary.feedback import NoComparison
 from app.http.columns.day_columns import SUMS
 from app.http.field_descriptions import (
     CAPTURED_AT,
@@ -28,6 +26,16 @@ from app.nutrition.intakes.reference_intakes import Per
 from app.nutrition.plausible_energy import Verdict, WhyUnknown
 from app.people.models import Locale
 
+NoComparison = Literal["days_needed", "profile_needed"]
+Reason = Literal[
+    "energy_follows_need",
+    "no_ear",
+    "need_is_skewed",
+    "intake_is_lower_bound",
+    "too_few_persons",
+    "no_repeated_days",
+    "no_difference_between_persons",
+]
 COVERAGE = "The share of the eaten grams for which it is known, 0 to 1; null: the grams of some item are unknown."
 UNMEASURED_MEALS = (
     "Meals without a known food (failed, or not measured yet) that are not confirmed to have none: "

@@ -17,7 +17,15 @@ from app.diary import overview_queries as overview
 from app.diary.day_definition import CountedDay, median_seconds
 from app.diary.diary import MAX_RANGE_DAYS, day_range
 from app.diary.distribution import Bin, Distribution, distribution
-from app.diary.overview_queries import CountedStatus, MealsOfDay, PeopleCounts, Person, Place
+from app.diary.overview_queries import MealsOfDay, Person
+from app.diary.overview_schemas import (
+    CompletenessOut,
+    CountedStatus,
+    OverviewDayOut,
+    OverviewPeopleOut,
+    PersonDayOut,
+    PlaceOut,
+)
 from app.meals.stored.meal_time import latest_day
 from app.meals.stored.models import MEAL_STATUSES, MealStatus
 from app.nutrition.components import HEADLINE_COLUMNS
@@ -31,89 +39,6 @@ MAX_PLACES = 2000
 MAX_PERSONS = 60  # whose days are listed one by one
 MAX_DAYS_OF_PERSONS = 35
 NO_MEALS = MealsOfDay(dict.fromkeys(MEAL_STATUSES, 0), 0, 0, "")
-SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class OverviewDay:
-    """A local day of the window over all participants.
-
-    expected: participants expected on the day; silent: of them, without an entry
-    told: of them, with a meal or a closed day; told_closed: with a closed day
-    closed: participants whose day is closed, also those who were not expected
-    ate_nothing: of them, those who ate nothing
-    whole: closed days that are measured and final, or on which nothing was eaten, with all energy known
-    whole_energy_kcal: their mean
-    open_days: not closed, with some energy known
-    open_energy_kcal: their mean, a lower bound
-    median_delay_seconds: from eating to arrival, of the day's meals
-    """
-
-    local_date: date
-    expected: int
-    silent: int
-    told: int
-    told_closed: int
-    with_meal: int
-    closed: int
-    ate_nothing: int
-    whole: int
-    whole_energy_kcal: float | None
-    open_days: int
-    open_energy_kcal: float | None
-    meals: int
-    receiving_meals: int
-    queued_meals: int
-    processing_meals: int
-    estimated_meals: int
-    needs_review_meals: int
-    failed_meals: int
-    confirmed_meals: int
-    late_meals: int
-    located_meals: int
-    unmeasured_meals: int
-    items: int
-    unmeasured_items: int
-    provisional_items: int
-    median_delay_seconds: float | None
-
-    @property
-    def told_open(self) -> int:
-        """The number of expected participants with a meal whose day is not closed."""
-        return self.told - self.told_closed
-
-    @property
-    def late_share(self) -> float | None:
-        """The share of late meals; None without meals."""
-        return self.late_meals / self.meals if self.meals else None
-
-
-@dataclass(frozen=True, slots=True)
-class Completeness:
-    """Participant-days of the window. told: with a meal or closed; silent: expected, without either.
-
-    late_meals: arrived more than 24 hours after they were eaten. median_delay_seconds: from eating to arrival.
-    """
-
-    expected: int
-    told: int
-    closed: int
-    whole: int
-    silent: int
-    meals: int
-    late_meals: int
-    median_delay_seconds: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class DayOfPerson:
-    """A participant's day of the window that was expected, or has a meal or a diary entry."""
-
-    participant: str
-    local_date: date
-    expected: bool
-    closed: bool
-    meals: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,16 +53,16 @@ class StudyOverview:
     study: str
     first_day: date
     last_day: date
-    participants: PeopleCounts
-    completeness: Completeness
-    days: tuple[OverviewDay, ...]
+    participants: OverviewPeopleOut
+    completeness: CompletenessOut
+    days: tuple[OverviewDayOut, ...]
     statuses: Mapping[MealStatus, int]
     waiting: Mapping[CountedStatus, int]
     failures: Mapping[str, int]
     nutrients: tuple[Distribution, ...]
-    person_days: tuple[DayOfPerson, ...]
+    person_days: tuple[PersonDayOut, ...]
     located_meals: int | None
-    places: tuple[Place, ...]
+    places: Sequence[PlaceOut]
 
     @property
     def histograms(self) -> list[Bin]:
@@ -205,9 +130,9 @@ def study_overview(
             if is_small
             else (),
             located_meals=located_meals if keeps_places else None,
-            places=_places(window, min(located_meals, MAX_PLACES))
+            places=window.places(min(located_meals, MAX_PLACES))
             if keeps_places and located_meals
-            else (),
+            else [],
         )
 
 
@@ -253,7 +178,7 @@ def _overview_days(
     persons: Sequence[Person],
     window: Sequence[date],
     today: date,
-) -> tuple[OverviewDay, ...]:
+) -> tuple[OverviewDayOut, ...]:
     """Return every day of the window, also those without data."""
     person_of = {person.id: person for person in persons}
     days_of: dict[date, list[CountedDay]] = defaultdict(list)
@@ -278,7 +203,7 @@ def _overview_day(
     meals: MealsOfDay,
     expected: int | None,
     person_of: Mapping[uuid.UUID, Person],
-) -> OverviewDay:
+) -> OverviewDayOut:
     """expected: the number of participants expected; None: in the future, from a phone whose clock is ahead."""
     told = [
         day
@@ -293,12 +218,15 @@ def _overview_day(
     open_amounts = [day.amount("energy_kcal").value for day in days if not day.is_closed]
     open_kcal = [amount for amount in open_amounts if amount is not None]
     statuses = {f"{status}_meals": count for status, count in meals.statuses.items()}
-    return OverviewDay(
+    told_closed = sum(day.is_closed for day in told)
+    all_meals = sum(meals.statuses.values())
+    return OverviewDayOut(
         local_date=local_date,
         expected=expected or 0,
         silent=max((expected or 0) - len(told), 0),
         told=len(told),
-        told_closed=sum(day.is_closed for day in told),
+        told_closed=told_closed,
+        told_open=len(told) - told_closed,
         with_meal=sum(day.meals > 0 for day in days),
         closed=sum(day.is_closed for day in days),
         ate_nothing=sum(day.ate_nothing for day in days),
@@ -306,8 +234,9 @@ def _overview_day(
         whole_energy_kcal=fmean(whole_kcal) if whole_kcal else None,
         open_days=len(open_kcal),
         open_energy_kcal=fmean(open_kcal) if open_kcal else None,
-        meals=sum(meals.statuses.values()),
+        meals=all_meals,
         late_meals=meals.late,
+        late_share=meals.late / all_meals if all_meals else None,
         located_meals=meals.located,
         unmeasured_meals=sum(day.unmeasured_meals for day in days),
         items=sum(day.items for day in days),
@@ -347,7 +276,7 @@ def _expected(
 
 def _days_of_persons(
     counted: Sequence[CountedDay], persons: Sequence[Person], window: Sequence[date], today: date
-) -> Iterator[DayOfPerson]:
+) -> Iterator[PersonDayOut]:
     """Yield each participant's days; expected days are those that `_overview_days` counts."""
     day_of = {(day.participant_id, day.local_date): day for day in counted}
     for person in persons:
@@ -357,11 +286,17 @@ def _days_of_persons(
             day = day_of.get((person.id, local_date))
             if is_expected or day is not None:
                 is_closed, meals = (day.is_closed, day.meals) if day is not None else (False, 0)
-                yield DayOfPerson(person.code, local_date, is_expected, is_closed, meals)
+                yield PersonDayOut(
+                    participant=person.code,
+                    local_date=local_date,
+                    expected=is_expected,
+                    closed=is_closed,
+                    meals=meals,
+                )
 
 
-def _completeness(days: Sequence[OverviewDay], meals: Iterable[MealsOfDay]) -> Completeness:
-    return Completeness(
+def _completeness(days: Sequence[OverviewDayOut], meals: Iterable[MealsOfDay]) -> CompletenessOut:
+    return CompletenessOut(
         expected=sum(day.expected for day in days),
         told=sum(day.told for day in days),
         closed=sum(day.closed for day in days),
@@ -375,16 +310,6 @@ def _completeness(days: Sequence[OverviewDay], meals: Iterable[MealsOfDay]) -> C
 
 def _days_until(first: date, last: date) -> list[date]:
     return [first + timedelta(days=number) for number in range((last - first).days + 1)]
-
-
-def _places(window: overview.Window, limit: int) -> tuple[Place, ...]:
-    return tuple(
-        place._replace(
-            latitude=round(place.latitude, SHOWN_DECIMALS),
-            longitude=round(place.longitude, SHOWN_DECIMALS),
-        )
-        for place in window.places(limit)
-    )
 
 
 def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:

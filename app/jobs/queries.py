@@ -60,27 +60,6 @@ def turns_so_far(session: Session, study_id: uuid.UUID) -> tuple[int, int]:
     return reached or 0, last_of_study or 0
 
 
-@dataclass(frozen=True, slots=True)
-class JobNames:
-    """What logs and metrics say about a job. request_id: of the request that queued it, if any."""
-
-    meal_id: uuid.UUID
-    purpose: str
-    request_id: str | None
-    enqueued_at: datetime
-    attempts: int
-    is_background: bool
-
-
-def names_of_job(session: Session, job_id: uuid.UUID) -> JobNames | None:
-    """Return the names of a job; None if it no longer exists."""
-    query = sa.select(
-        Job.meal_id, Job.purpose, Job.request_id, Job.enqueued_at, Job.attempts, Job.is_background
-    ).where(Job.id == job_id)
-    names = session.execute(query).one_or_none()
-    return JobNames(*names) if names is not None else None
-
-
 _IS_LIVE = Job.finished_at.is_(
     None
 )  # the indexes' condition; finish_job and fail_job set finished_at with the state

@@ -1,4 +1,6 @@
-"""A meal's photograph for eyes: upright, its colours corrected by the marker, without metadata; each reading is noted.
+"""/v1/meals/{meal_id}/images/{slot}: a meal's photograph for eyes; each reading is noted.
+
+The picture is upright, its colours corrected by the marker, without metadata.
 
 The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
 measured before there were corrections) the picture is as it was taken.
@@ -14,15 +16,20 @@ import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import structlog
+from fastapi import APIRouter, Header, Query, Request, Response
 from sqlalchemy.orm import Session
 
 from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.core.errors import GoneError, NotFoundError, TadaError
-from app.core.settings import Settings
 from app.db.session import Database
+from app.http.conditions import is_held
+from app.http.parameters import MealId, OfWhichParticipant, Slot
+from app.http.problems import problem_responses
+from app.http.ranges import answer_part
+from app.http.state import ApiState
 from app.meals.stored import queries as meals
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.receive_photo import sha256_of_file
@@ -30,6 +37,7 @@ from app.meals.stored.record_models import Run, RunArtefact
 from app.meals.stored.run_answer import THUMBNAIL_PX, thumbnail_name
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
+from app.people.access.deps import CurrentCaller, State
 from app.photos.inspect import COSTLY_PIXELS
 from app.photos.slots import AFTER_SLOTS, FILE_SLOTS, image_name
 from app.records import queries as records
@@ -114,24 +122,16 @@ def find_photo(
     return StoredPhoto(image, meal.study_id, meal.alias, _colour_of(run, slot), thumbnail)
 
 
-def render_photo(
-    database: Database,
-    blobs: BlobStore,
-    children: ApiChildren,
-    settings: Settings,
-    caller: Caller,
-    found: StoredPhoto,
-    width_px: int,
-) -> bytes:
+def render_photo(state: ApiState, caller: Caller, found: StoredPhoto, width_px: int) -> bytes:
     """The picture as JPEG, or the file of a map or a voice note, the reading of it noted before it is given out.
 
     Raises BlobMissingError, PhotoDamagedError, UnavailableError, PhotographError.
     """
     image = found.image
-    content = _kept(blobs, found.thumbnail) if width_px == THUMBNAIL_PX else None
+    content = _kept(state.blobs, found.thumbnail) if width_px == THUMBNAIL_PX else None
     if content is None:
-        content = _made(blobs, children, settings, caller, found, width_px)
-    with database.write() as session:
+        content = _made(state, caller, found, width_px)
+    with state.database.write() as session:
         still = session.get(MealImage, image.id)
         if still is None or still.erased_at is not None:  # meanwhile
             raise _erased()
@@ -162,16 +162,9 @@ def _kept(blobs: BlobStore, thumbnail: RunArtefact | None) -> bytes | None:
     return content
 
 
-def _made(
-    blobs: BlobStore,
-    children: ApiChildren,
-    settings: Settings,
-    caller: Caller,
-    found: StoredPhoto,
-    width_px: int,
-) -> bytes:
+def _made(state: ApiState, caller: Caller, found: StoredPhoto, width_px: int) -> bytes:
     """The picture, made of the photograph by a child."""
-    image = found.image
+    image, blobs = found.image, state.blobs
     with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
         source, target = Path(name) / "photo", Path(name) / "picture.jpg"
         blobs.fetch(image.blob_key, source)
@@ -182,13 +175,13 @@ def _made(
             )
         if found.is_file:
             return source.read_bytes()
-        answer = children.run(
+        answer = state.part(ApiChildren).run(
             "picture",
             {
                 "photo": str(source),
                 "output": str(target),
                 "width_px": width_px,
-                "max_pixels": settings.max_photo_pixels,
+                "max_pixels": state.settings.max_photo_pixels,
                 "colour": found.colour,
             },
             seconds=SECONDS,
@@ -227,3 +220,87 @@ def _erased() -> GoneError:
     return GoneError(
         "This photograph was erased, as the study's protocol asks.", code="photograph_erased"
     )
+
+
+router = APIRouter(prefix="/v1/meals", tags=["meals"])
+
+ATTACHMENT = {
+    "description": "`attachment`: of a map or a voice note.",
+    "schema": {"type": "string"},
+}
+MIN_WIDTH_PX, DEFAULT_WIDTH_PX, MAX_WIDTH_PX = 64, 1600, 4096
+
+
+@router.get(
+    "/{meal_id}/images/{slot}",
+    response_class=Response,
+    responses={
+        200: {
+            "content": {
+                "image/jpeg": {},
+                "image/png": {},
+                "image/tiff": {},
+                "audio/webm": {},
+                "audio/mp4": {},
+            },
+            "description": "The photograph as JPEG, upright, its colours corrected by the marker, without metadata; a "
+            "depth or confidence map or a voice note as it is stored.",
+            "headers": {
+                "Content-Disposition": ATTACHMENT,
+                "X-Colour-Correction": {
+                    "description": "`colour`: by the board's colours; `white`: by its paper; `none`: as taken.",
+                    "schema": {"type": "string", "enum": ["colour", "white", "none"]},
+                },
+            },
+        },
+        206: {
+            "content": {"image/tiff": {}, "image/png": {}, "audio/webm": {}, "audio/mp4": {}},
+            "description": "The part that `Range` asks for, of a map or a voice note.",
+            "headers": {"Content-Disposition": ATTACHMENT},
+        },
+        304: {"description": "The caller has it already; no reading is noted."},
+        **problem_responses(401, 403, 404, 409, 410, 416, 422, 500, 503),
+    },
+)
+def get_photograph(
+    meal_id: MealId,
+    slot: Slot,
+    request: Request,
+    state: State,
+    caller: CurrentCaller,
+    width: Annotated[
+        int,
+        Query(
+            ge=MIN_WIDTH_PX, le=MAX_WIDTH_PX, description="At most so many px wide; never enlarged."
+        ),
+    ] = DEFAULT_WIDTH_PX,
+    colour: Annotated[
+        Literal["corrected", "as_taken"],
+        Query(description="By default as the newest run of the pair corrects it, where it could."),
+    ] = "corrected",
+    participant: OfWhichParticipant = None,
+    if_none_match: Annotated[
+        str | None,
+        Header(
+            max_length=500,
+            description="The ETag of what is there already: 304 if it has not changed.",
+        ),
+    ] = None,
+) -> Response:
+    """A photograph as JPEG, or the file of a map or voice note, for the study's staff and the phone that sent it."""
+    photo = find_photo(
+        state.database, caller, meal_id, slot, participant, as_taken=colour == "as_taken"
+    )
+    headers = {
+        "ETag": photo.etag(width),
+        "Cache-Control": "private, max-age=0, must-revalidate",  # erased is erased: each use asks first
+        "X-Colour-Correction": photo.colour_kind,
+    }
+    if is_held(if_none_match, headers["ETag"]):
+        return Response(status_code=304, headers=headers)
+    content = render_photo(state, caller, photo, width)
+    if photo.is_file:  # data, not a picture for a browser
+        return answer_part(
+            request, content, photo.media_type, headers | {"Content-Disposition": "attachment"}
+        )
+    return Response(content, media_type=photo.media_type, headers=headers)

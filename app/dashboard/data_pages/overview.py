@@ -16,10 +16,9 @@ from app.dashboard.forms import Blank
 from app.dashboard.page import CurrentPage
 from app.diary import overview_api
 from app.diary.overview_api import Part
-from app.diary.overview_queries import CountedStatus
+from app.diary.overview_schemas import CountedStatus, PersonDayOut
 from app.diary.study_overview import (
     DEFAULT_DAYS,
-    DayOfPerson,
     StudyOverview,
     study_overview,
     study_waiting,
@@ -139,9 +138,9 @@ def _overview(
     )
 
 
-def _participant_days(overview: StudyOverview) -> dict[str, dict[date, DayOfPerson]]:
+def _participant_days(overview: StudyOverview) -> dict[str, dict[date, PersonDayOut]]:
     """Return participant -> local day -> summary, without days that have no data and expect none."""
-    by_participant: dict[str, dict[date, DayOfPerson]] = {}
+    by_participant: dict[str, dict[date, PersonDayOut]] = {}
     for day in overview.person_days:
         by_participant.setdefault(day.participant, {})[day.local_date] = day
     return by_participant

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from app.diary.distribution import Distribution
-from app.diary.study_overview import OverviewDay
+from app.diary.overview_schemas import OverviewDayOut
 from app.nutrition.components import Headline
 
 
@@ -47,7 +47,7 @@ class Chart:
     marks: Sequence[Mark] = ()
 
 
-def day_charts(days: Sequence[OverviewDay]) -> dict[str, Chart]:
+def day_charts(days: Sequence[OverviewDayOut]) -> dict[str, Chart]:
     """Return name -> chart of the window's days."""
     labels = [day.local_date.isoformat() for day in days]
     late = [None if day.late_share is None else 100 * day.late_share for day in days]

@@ -16,14 +16,12 @@ from app.http.paging import Cursor
 from app.people.access.page_rules import STUDY_PAGES
 from app.records.remeasurements import remeasurements
 from app.records.remeasurements.api import get_remeasured_items
-from app.records.remeasurements.queries import Selection
-from app.records.remeasurements.remeasurements import RemeasurementView, Requester
+from app.records.remeasurements.remeasurements import Requester
 from app.records.remeasurements.schemas import (
     RemeasurementIn,
+    RemeasurementOut,
     RemeasurementPlanOut,
-    render_plan,
-    render_remeasurement,
-    render_row,
+    Selection,
 )
 
 router = APIRouter(include_in_schema=False, route_class=ListRoute)
@@ -48,7 +46,7 @@ def get_plan(page: CurrentPage, study: str, limit: MealLimit = None) -> Response
         page.state.database, _requester(page), study, Selection(frozenset(), limit)
     )
     values = {"limit": "" if limit is None else str(limit)}
-    return _remeasurements(page, study, None, values=values, plan=render_plan(pairs))
+    return _remeasurements(page, study, None, values=values, plan=remeasurements.count_plan(pairs))
 
 
 @router.post(PATH)
@@ -84,8 +82,8 @@ def get_remeasurement(
     )
     return page.render(
         "remeasurement.html",
-        run=render_remeasurement(view),
-        rows=[render_row(row) for row in rows.rows],
+        run=view,
+        rows=rows.rows,
         next=rows.cursor,
     )
 
@@ -96,9 +94,9 @@ def get_state(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Respon
     view = remeasurements.read_remeasurement(
         page.state.database, _requester(page), study, remeasurement
     )
-    if page.is_fragment and view.remeasurement.state != "running":
+    if page.is_fragment and view.state != "running":
         return page.redirect(_address(study, view))
-    return page.render("remeasurement_state.html", run=render_remeasurement(view))
+    return page.render("remeasurement_state.html", run=view)
 
 
 @router.post(f"{PATH}/{{remeasurement}}/stop")
@@ -142,7 +140,7 @@ def _remeasurements(
     return page.render(
         "remeasurements.html",
         status=status,
-        runs=[render_remeasurement(view) for view in listed.rows],
+        runs=listed.rows,
         next=listed.cursor,
         values=values or {},
         wrong=wrong or {},
@@ -154,5 +152,5 @@ def _requester(page: Page) -> Requester:
     return Requester(page.caller.name, page.caller)
 
 
-def _address(study: str, view: RemeasurementView) -> str:
-    return study_address(study, "remeasurements", view.remeasurement.id)
+def _address(study: str, view: RemeasurementOut) -> str:
+    return study_address(study, "remeasurements", view.id)

@@ -28,7 +28,7 @@ from app.meals.upload import read_api as meals
 from app.people.access.page_rules import MEAL
 from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
-from app.records import photographs_api as photographs
+from app.records import serve_photo as photographs
 from app.records.read_meal import read_meal
 from app.records.render import render_meal, tagged_meal
 from app.records.review.meal_history import MealStory, read_story

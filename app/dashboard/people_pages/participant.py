@@ -13,8 +13,8 @@ from app.dashboard.forms import Fields, form_values, read_form, take_version
 from app.dashboard.meal_pages.line_fields import with_point
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
-from app.diary.feedback import Feedback, read_feedback
-from app.diary.schemas import DayIn
+from app.diary.feedback import read_feedback
+from app.diary.schemas import DayIn, SummaryOut
 from app.diary.study_days import judge_day
 from app.exports.lists.days_api import day_event_kind
 from app.exports.lists.list_meals import list_meals, sums_of
@@ -152,7 +152,7 @@ def _participant(
     )
 
 
-def _feedback(page: Page, study: str, code: str, day: date | None) -> Feedback | None:
+def _feedback(page: Page, study: str, code: str, day: date | None) -> SummaryOut | None:
     """Return the feedback that the participant sees, or would see; None if there is no day yet."""
     try:
         return read_feedback(

@@ -15,7 +15,8 @@ from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.people_pages.devices import MOST_CARDS
 from app.diary import day_summaries
-from app.diary.adequacy import Adequacy, find_component, judge_study
+from app.diary.adequacy import find_component, judge_study
+from app.diary.schemas import AdequacyOut
 from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
 from app.nutrition.components import HEADLINES
@@ -140,7 +141,7 @@ def get_adequacy_figures(
 
 
 def _adequacy(
-    page: Page, judged: Adequacy | None, component: str, first: date | None, last: date | None
+    page: Page, judged: AdequacyOut | None, component: str, first: date | None, last: date | None
 ) -> Response:
     require_order(first, last)
     return page.render(

@@ -31,6 +31,7 @@ from app.jobs import queries as jobs
 from app.jobs.leases import Lease
 from app.jobs.queries import WorkerTimes
 from app.meals.estimate.estimate_pair import EstimatePair, SealedAnswer
+from app.meals.stored.job_models import Job
 from app.metrics import instruments
 
 log = structlog.get_logger()
@@ -110,18 +111,18 @@ class JobRunner:
         """Log the job's begin. Without a database it is skipped: the next step waits for the database."""
         try:
             with self._database.read() as session:
-                names = jobs.names_of_job(session, job_id)
+                job = session.get(Job, job_id)
         except sqlalchemy.exc.SQLAlchemyError:
             return
-        if names is None:
+        if job is None:
             return
-        waited = (datetime.now(UTC) - names.enqueued_at).total_seconds()
-        bind_log_context(meal_id=str(names.meal_id), purpose=names.purpose)
-        if names.request_id is not None:
-            bind_log_context(request_id=names.request_id)
-        if not names.attempts and not names.is_background:
+        waited = (datetime.now(UTC) - job.enqueued_at).total_seconds()
+        bind_log_context(meal_id=str(job.meal_id), purpose=job.purpose)
+        if job.request_id is not None:
+            bind_log_context(request_id=job.request_id)
+        if not job.attempts and not job.is_background:
             instruments.JOB_WAIT.observe(max(waited, 0.0))
-        log.info("job_begins", attempt=names.attempts + 1, waited_seconds=round(waited, 1))
+        log.info("job_begins", attempt=job.attempts + 1, waited_seconds=round(waited, 1))
 
     def _log_end(self, facts: Mapping[str, object]) -> None:
         """Log and count the job, after its end is committed."""

@@ -28,7 +28,6 @@ from app.meals.stored.item_state import REPLACED, pipeline_measure
 from app.meals.stored.job_models import RERUN_OF, Job, JobPurpose, RemeasuredItem, RemeasuredPair
 from app.meals.stored.meal_parts import FROM_HINT, MealParts, parts_of, records_of
 from app.meals.stored.models import HintDetails, Meal
-from app.meals.stored.outline_json import rings_of
 from app.meals.stored.queries import WAITING
 from app.meals.stored.record_models import (
     HintedLeftover,
@@ -92,20 +91,14 @@ def _item_row(
     origin: ItemOrigin = "pipeline",
 ) -> Item:
     """Return the row of an item of the answer. Its id follows from run and position, so a rebuilt row has the same."""
-    low_ml, high_ml = answer.interval_ml
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         meal_id=meal_id,
         run_id=run_id,
         origin=origin,
         position=position,
-        rings=rings_of(answer.polygon),
-        volume_ml=answer.volume_ml,
-        volume_low_ml=low_ml,
-        volume_high_ml=high_ml,
-        relative_sd=answer.relative_sd,
-        flags=answer.flags,
         traits=answer.traits,
+        **answer.columns(),
     )
 
 

@@ -4,12 +4,12 @@ Fields that are not set are not written, so that an item which was not identifie
 """
 
 import uuid
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, JsonValue
 
 from app.core.errors import Failure
-from app.meals.stored.outline_json import Polygon
+from app.meals.stored.outline_json import Polygon, rings_of
 
 Json = dict[str, JsonValue]
 
@@ -56,11 +56,17 @@ class ItemAnswer(_Answer):
     none_probability: float | None = None
     index_version: str | None = None
 
-    @property
-    def interval_ml(self) -> tuple[float | None, float | None]:
-        """Both bounds of the volume's 90 % interval."""
+    def columns(self) -> dict[str, Any]:
+        """Return the columns that an item and its measurement have in common."""
         low_ml, high_ml = self.volume_interval_ml or (None, None)
-        return low_ml, high_ml
+        return {
+            "rings": rings_of(self.polygon),
+            "volume_ml": self.volume_ml,
+            "volume_low_ml": low_ml,
+            "volume_high_ml": high_ml,
+            "relative_sd": self.relative_sd,
+            "flags": self.flags,
+        }
 
 
 class ArtefactAnswer(_Answer):

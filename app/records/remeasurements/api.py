@@ -12,19 +12,17 @@ from app.http.problems import problem_responses
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
 from app.records.remeasurements import remeasurements
-from app.records.remeasurements.queries import MOST_MEALS, Selection
 from app.records.remeasurements.remeasurements import Requester
 from app.records.remeasurements.schemas import (
     LIMIT,
     MEALS,
+    MOST_MEALS,
     ComparedItemList,
     RemeasurementIn,
     RemeasurementList,
     RemeasurementOut,
     RemeasurementPlanOut,
-    render_plan,
-    render_remeasurement,
-    render_row,
+    Selection,
 )
 
 router = APIRouter(tags=["remeasurements"], route_class=ListRoute)
@@ -52,7 +50,7 @@ def get_remeasurement_plan(
 ) -> RemeasurementPlanOut:
     """Return which pairs a remeasurement would measure and which it would skip. Nothing is changed."""
     selection = Selection(frozenset(meal or ()), limit)
-    return render_plan(
+    return remeasurements.count_plan(
         remeasurements.plan_remeasurement(state.database, _requester(caller), study, selection)
     )
 
@@ -65,9 +63,9 @@ def post_remeasurement(
     view, is_new = remeasurements.start_remeasurement(
         state.database, _requester(caller), study, body.as_selection()
     )
-    response.headers["Location"] = f"/v1/studies/{study}/remeasurements/{view.remeasurement.id}"
+    response.headers["Location"] = f"/v1/studies/{study}/remeasurements/{view.id}"
     response.status_code = 202 if is_new else 200
-    return render_remeasurement(view)
+    return view
 
 
 @router.get(REMEASUREMENTS, responses=problem_responses(401, 403, 404, 422))
@@ -84,7 +82,7 @@ def get_remeasurements(
         state.database, _requester(caller), study, cursor=cursor, limit=limit
     )
     return RemeasurementList(
-        items=[render_remeasurement(view) for view in page.rows],
+        items=list(page.rows),
         next=next_page(request, page.cursor),
     )
 
@@ -94,8 +92,8 @@ def get_remeasurement(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
     """A remeasurement and its progress."""
-    return render_remeasurement(
-        remeasurements.read_remeasurement(state.database, _requester(caller), study, remeasurement)
+    return remeasurements.read_remeasurement(
+        state.database, _requester(caller), study, remeasurement
     )
 
 
@@ -115,9 +113,7 @@ def get_remeasured_items(
     page = remeasurements.list_compared(
         state.database, _requester(caller), study, remeasurement, cursor=cursor, limit=limit
     )
-    return ComparedItemList(
-        items=[render_row(row) for row in page.rows], next=next_page(request, page.cursor)
-    )
+    return ComparedItemList(items=list(page.rows), next=next_page(request, page.cursor))
 
 
 @router.post(
@@ -127,8 +123,8 @@ def post_stop(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
     """Stop a remeasurement. What was measured stays; pairs in progress are measured when it is continued."""
-    return render_remeasurement(
-        remeasurements.stop_remeasurement(state.database, _requester(caller), study, remeasurement)
+    return remeasurements.stop_remeasurement(
+        state.database, _requester(caller), study, remeasurement
     )
 
 
@@ -140,10 +136,8 @@ def post_continue(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
     """Continue a stopped remeasurement where it was."""
-    return render_remeasurement(
-        remeasurements.continue_remeasurement(
-            state.database, _requester(caller), study, remeasurement
-        )
+    return remeasurements.continue_remeasurement(
+        state.database, _requester(caller), study, remeasurement
     )
 
 

@@ -1,12 +1,10 @@
 """SQL of remeasurements: the pairs that one takes or skips, its progress, and the table of old and new volumes."""
 
-import hashlib
-import json
 import uuid
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from typing import NamedTuple
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -26,28 +24,13 @@ from app.meals.stored.queries import WAITING
 from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Participant
 from app.photos.slots import AFTER_SLOTS
-
-MOST_MEALS = 1000  # named one by one
+from app.records.remeasurements.schemas import ComparedItemOut, RemeasurementOut, Selection
 
 NO_PHOTOGRAPHS = "no_photographs"  # reasons to skip a pair, beside the codes of faults.py
 INCOMPLETE = "incomplete"
 WAITS = "waits_for_estimate"
 WITHDRAWN = "withdrawn"
 NOTHING_LEFT = "nothing_left"
-
-
-@dataclass(frozen=True, slots=True)
-class Selection:
-    """The meals of a study to measure again. meals: ids made by phones; none: all. limit: only the first meals."""
-
-    meals: frozenset[uuid.UUID] = frozenset()
-    limit: int | None = None
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 by which the same selection is recognised; the ids themselves could outlive an erased meal."""
-        named = json.dumps([self.limit, sorted(str(meal) for meal in self.meals)])
-        return hashlib.sha256(named.encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,44 +127,13 @@ def _images_of(session: Session, chosen: sa.Subquery) -> dict[uuid.UUID, Sequenc
     return dict(images)
 
 
-RowKey = tuple[
-    int, str, uuid.UUID
-]  # position of the meal, pair, item; NO_ITEM: a pair without items
+# position of the meal, pair, item; NO_ITEM: a pair without items
+RowKey = tuple[int, str, uuid.UUID]
+FIGURES = (
+    *("old_volume_ml", "old_low_ml", "old_high_ml", "new_volume_ml", "new_low_ml", "new_high_ml"),
+    *("old_mass_g", "new_mass_g", "is_changed"),
+)
 NO_ITEM = uuid.UUID(int=0)
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """Numbers of pairs by state and, of those kept and skipped, by reason; of items compared, and of changed ones."""
-
-    states: Mapping[str, int]
-    reasons: Mapping[str, int]
-    items: int
-    items_changed: int
-
-    @property
-    def pairs(self) -> int:
-        """The number of all pairs."""
-        return sum(self.states.values())
-
-    @property
-    def waiting(self) -> int:
-        """The number of pairs that are not done yet."""
-        return self.states.get("pending", 0) + self.states.get("queued", 0)
-
-
-class ComparedRow(NamedTuple):
-    """A row of the table: a pair, and one of its items if it was measured. food: its key."""
-
-    key: RowKey
-    participant: str
-    meal: uuid.UUID
-    captured_at: datetime
-    pair: PairPurpose
-    state: PairState
-    reason: str | None
-    item: RemeasuredItem | None
-    food: str | None
 
 
 def insert_pairs(session: Session, remeasurement: Remeasurement, selection: Selection) -> None:
@@ -264,42 +216,65 @@ def page_of_remeasurements(
     return list(session.scalars(query))
 
 
-def progress_of(session: Session, ids: Collection[uuid.UUID]) -> dict[uuid.UUID, Progress]:
-    """Return remeasurement -> its progress."""
+def progress_of(
+    session: Session, remeasurements: Sequence[Remeasurement]
+) -> list[RemeasurementOut]:
+    """Return the remeasurements with their progress."""
     pair, item = RemeasuredPair, RemeasuredItem
-    states: dict[uuid.UUID, dict[str, int]] = {each: {} for each in ids}
-    reasons: dict[uuid.UUID, dict[str, int]] = {each: {} for each in ids}
+    ids = [remeasurement.id for remeasurement in remeasurements]
+    states: dict[uuid.UUID, Counter[str]] = {
+        remeasurement_id: Counter() for remeasurement_id in ids
+    }
+    reasons: dict[uuid.UUID, Counter[str]] = {
+        remeasurement_id: Counter() for remeasurement_id in ids
+    }
     counted = (
         sa.select(pair.remeasurement_id, pair.state, pair.reason, sa.func.count())
         .where(pair.remeasurement_id.in_(ids))
         .group_by(pair.remeasurement_id, pair.state, pair.reason)
     )
     for remeasurement_id, state, reason, count in session.execute(counted):
-        by_state = states[remeasurement_id]
-        by_state[state] = by_state.get(state, 0) + count
+        states[remeasurement_id][state] += count
         if reason is not None:
-            by_reason = reasons[remeasurement_id]
-            by_reason[reason] = by_reason.get(reason, 0) + count
+            reasons[remeasurement_id][reason] += count
+    is_changed = sa.func.sum(sa.cast(item.is_changed, sa.Integer))
     compared = (
-        sa.select(
-            item.remeasurement_id,
-            sa.func.count(),
-            sa.func.sum(sa.cast(item.is_changed, sa.Integer)),
-        )
+        sa.select(item.remeasurement_id, sa.func.count(), is_changed)
         .where(item.remeasurement_id.in_(ids))
         .group_by(item.remeasurement_id)
     )
     items = {row[0]: (row[1], int(row[2])) for row in session.execute(compared)}
-    return {
-        each: Progress(states[each], dict(sorted(reasons[each].items())), *items.get(each, (0, 0)))
-        for each in ids
-    }
+    outs = []
+    for remeasurement in remeasurements:
+        by_state = states[remeasurement.id]
+        compared_items, changed_items = items.get(remeasurement.id, (0, 0))
+        out = RemeasurementOut(
+            id=remeasurement.id,
+            state=remeasurement.state,
+            author=remeasurement.author,
+            pipeline_version=remeasurement.pipeline_version,
+            created_at=remeasurement.created_at,
+            ended_at=remeasurement.ended_at,
+            pairs=by_state.total(),
+            waiting=by_state["pending"] + by_state["queued"],
+            measured=by_state["measured"],
+            kept=by_state["kept"],
+            skipped=by_state["skipped"],
+            reasons=dict(sorted(reasons[remeasurement.id].items())),
+            items=compared_items,
+            items_changed=changed_items,
+        )
+        outs.append(out)
+    return outs
 
 
 def page_of_rows(
     session: Session, remeasurement_id: uuid.UUID, *, after: RowKey | None, limit: int
-) -> list[ComparedRow]:
-    """Return at most `limit` rows of the table after `after`: by meal, its own pair first, then by item."""
+) -> list[tuple[RowKey, ComparedItemOut]]:
+    """Return at most `limit` rows of the table after `after`, each with its key.
+
+    By meal, its own pair first, then by item.
+    """
     pair, item = RemeasuredPair, RemeasuredItem
     is_of_pair = sa.and_(
         Item.meal_id == pair.meal_id,
@@ -328,17 +303,19 @@ def page_of_rows(
         query = query.where(
             sa.or_(pair.position > position, sa.and_(pair.position == position, is_later))
         )
-    return [
-        ComparedRow(
-            (row.position, row.pair, compared.item_id if compared is not None else NO_ITEM),
-            participant,
-            meal,
-            captured_at,
-            row.pair,
-            row.state,
-            row.reason,
-            compared,
-            food,
+    rows: list[tuple[RowKey, ComparedItemOut]] = []
+    for row, participant, meal, captured_at, compared, food in session.execute(query):
+        item_id = compared.item_id if compared is not None else None
+        out = ComparedItemOut(
+            participant=participant,
+            meal_id=meal,
+            captured_at=captured_at,
+            pair=row.pair,
+            state=row.state,
+            reason=row.reason,
+            item_id=item_id,
+            food=food,
+            **{name: getattr(compared, name, None) for name in FIGURES},
         )
-        for row, participant, meal, captured_at, compared, food in session.execute(query)
-    ]
+        rows.append(((row.position, row.pair, item_id or NO_ITEM), out))
+    return rows

@@ -5,6 +5,8 @@ stopped. Runs saved before stay saved; a stop gives the pairs in progress back, 
 """
 
 import uuid
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
@@ -25,13 +27,12 @@ from app.people.models import Study
 from app.people.participants import require_in_study
 from app.people.studies import enter_study, load_study
 from app.records.remeasurements import queries as remeasurements
-from app.records.remeasurements.queries import (
-    ComparedRow,
-    PlannedPair,
-    Progress,
+from app.records.remeasurements.queries import PlannedPair, plan, skip_reason
+from app.records.remeasurements.schemas import (
+    ComparedItemOut,
+    RemeasurementOut,
+    RemeasurementPlanOut,
     Selection,
-    plan,
-    skip_reason,
 )
 from app.vision.version import PIPELINE_VERSION
 
@@ -53,25 +54,30 @@ class Requester:
         return load_study(session, study_code, lock=lock)
 
 
-@dataclass(frozen=True, slots=True)
-class RemeasurementView:
-    """A remeasurement and how far it is."""
-
-    remeasurement: Remeasurement
-    progress: Progress
-
-
 def plan_remeasurement(
     database: Database, requester: Requester, study_code: str, selection: Selection
 ) -> list[PlannedPair]:
-    """Return which pairs would be measured again, and why others not. Changes nothing. Raises NotFoundError."""
+    """Return which pairs would be measured again, and why others not. Changes nothing.
+
+    Raises NotFoundError.
+    """
     with database.read() as session:
         return plan(session, requester.enter(session, study_code).id, selection)
 
 
+def count_plan(pairs: Sequence[PlannedPair]) -> RemeasurementPlanOut:
+    """Return the numbers of a plan."""
+    skipped = Counter(pair.skip for pair in pairs if pair.skip is not None)
+    return RemeasurementPlanOut(
+        pairs=len(pairs),
+        would_measure=len(pairs) - skipped.total(),
+        would_skip=dict(sorted(skipped.items())),
+    )
+
+
 def start_remeasurement(
     database: Database, requester: Requester, study_code: str, selection: Selection
-) -> tuple[RemeasurementView, bool]:
+) -> tuple[RemeasurementOut, bool]:
     """Start a remeasurement, or continue the unfinished one of the same selection. Returns whether it is a new one.
 
     Raises NotFoundError, ConflictError (`remeasurement_running`: another one of the study).
@@ -98,19 +104,19 @@ def start_remeasurement(
         session.flush()
         remeasurements.insert_pairs(session, remeasurement, selection)
         view = _view(session, remeasurement)
-        _note(session, requester, remeasurement, "start", pairs=view.progress.pairs)
+        _note(session, requester, remeasurement, "start", pairs=view.pairs)
         return view, True
 
 
 def stop_remeasurement(
     database: Database, requester: Requester, study_code: str, remeasurement_id: uuid.UUID
-) -> RemeasurementView:
+) -> RemeasurementOut:
     """Stop a remeasurement; repeated, it changes nothing.
 
     Raises NotFoundError, ConflictError (`remeasurement_done`).
     """
 
-    def stop() -> RemeasurementView:
+    def stop() -> RemeasurementOut:
         with database.write() as session:
             remeasurement = _find(session, requester, study_code, remeasurement_id, lock=True)
             _require_unfinished(remeasurement)
@@ -125,7 +131,7 @@ def stop_remeasurement(
 
 def continue_remeasurement(
     database: Database, requester: Requester, study_code: str, remeasurement_id: uuid.UUID
-) -> RemeasurementView:
+) -> RemeasurementOut:
     """Continue a stopped remeasurement; repeated, it changes nothing.
 
     Raises NotFoundError, ConflictError (`remeasurement_done`, `remeasurement_running`: another one of the study).
@@ -142,7 +148,7 @@ def continue_remeasurement(
 
 def read_remeasurement(
     database: Database, requester: Requester, study_code: str, remeasurement_id: uuid.UUID
-) -> RemeasurementView:
+) -> RemeasurementOut:
     """Return a remeasurement. Raises NotFoundError."""
     with database.read() as session:
         return _view(session, _find(session, requester, study_code, remeasurement_id))
@@ -150,7 +156,7 @@ def read_remeasurement(
 
 def list_remeasurements(
     database: Database, requester: Requester, study_code: str, *, cursor: str | None, limit: int
-) -> Page[RemeasurementView]:
+) -> Page[RemeasurementOut]:
     """Return a study's remeasurements, the newest first. Raises NotFoundError, InvalidInputError."""
     listed = f"remeasurements of {study_code}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
@@ -159,11 +165,8 @@ def list_remeasurements(
         rows = remeasurements.page_of_remeasurements(
             session, study.id, after=after, limit=limit + 1
         )
-        progress = remeasurements.progress_of(session, [row.id for row in rows])
-    views = [RemeasurementView(row, progress[row.id]) for row in rows]
-    return page_of(
-        listed, views, limit, lambda view: (view.remeasurement.created_at, view.remeasurement.id)
-    )
+        views = remeasurements.progress_of(session, rows)
+    return page_of(listed, views, limit, lambda view: (view.created_at, view.id))
 
 
 def list_compared(
@@ -174,14 +177,15 @@ def list_compared(
     *,
     cursor: str | None,
     limit: int,
-) -> Page[ComparedRow]:
+) -> Page[ComparedItemOut]:
     """Return rows of the table of old and new volumes, by meal. Raises NotFoundError, InvalidInputError."""
     listed = f"items of remeasurement {remeasurement_id}"
     after = decode_cursor(listed, cursor, WHOLE_NUMBER, TEXT, ID)
     with database.read() as session:
         remeasurement = _find(session, requester, study_code, remeasurement_id)
         rows = remeasurements.page_of_rows(session, remeasurement.id, after=after, limit=limit + 1)
-    return page_of(listed, rows, limit, lambda row: row.key)
+    page = page_of(listed, rows, limit, lambda row: row[0])
+    return Page([row for _, row in page.rows], page.cursor)
 
 
 def _find(
@@ -201,10 +205,8 @@ def _find(
     return remeasurement
 
 
-def _view(session: Session, remeasurement: Remeasurement) -> RemeasurementView:
-    return RemeasurementView(
-        remeasurement, remeasurements.progress_of(session, [remeasurement.id])[remeasurement.id]
-    )
+def _view(session: Session, remeasurement: Remeasurement) -> RemeasurementOut:
+    return remeasurements.progress_of(session, [remeasurement])[0]
 
 
 def _continue(session: Session, requester: Requester, remeasurement: Remeasurement) -> None:

@@ -1,8 +1,9 @@
 """Remeasurements and their table as HTTP and the command line give them."""
 
+import hashlib
+import json
 import uuid
-from collections import Counter
-from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
 
@@ -10,12 +11,25 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, NEXT, PAGE, PARTICIPANT
 from app.meals.stored.job_models import PairPurpose, PairState, RemeasurementState
-from app.records.remeasurements.queries import MOST_MEALS, ComparedRow, PlannedPair, Selection
-from app.records.remeasurements.remeasurements import RemeasurementView
 
+MOST_MEALS = 1000  # named one by one
 MEALS = "Ids of the meals, as the phones made them; none: all meals of the study."
 LIMIT = "At most so many meals, the first that were eaten."
 INTERVAL = "90 % interval, ml; null: not measured."
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The meals of a study to measure again. meals: ids made by phones; none: all. limit: only the first meals."""
+
+    meals: frozenset[uuid.UUID] = frozenset()
+    limit: int | None = None
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 by which the same selection is recognised; the ids themselves could outlive an erased meal."""
+        named = json.dumps([self.limit, sorted(str(meal) for meal in self.meals)])
+        return hashlib.sha256(named.encode()).hexdigest()
 
 
 class RemeasurementIn(BaseModel):
@@ -116,55 +130,3 @@ class ComparedItemList(BaseModel):
 
     items: list[ComparedItemOut] = Field(description=PAGE)
     next: str | None = Field(description=NEXT)
-
-
-FIGURES = (
-    *("old_volume_ml", "old_low_ml", "old_high_ml", "new_volume_ml", "new_low_ml", "new_high_ml"),
-    *("old_mass_g", "new_mass_g", "is_changed"),
-)
-
-
-def render_remeasurement(view: RemeasurementView) -> RemeasurementOut:
-    """Return a remeasurement with its progress."""
-    row, progress = view.remeasurement, view.progress
-    return RemeasurementOut(
-        id=row.id,
-        state=row.state,
-        author=row.author,
-        pipeline_version=row.pipeline_version,
-        created_at=row.created_at,
-        ended_at=row.ended_at,
-        pairs=progress.pairs,
-        waiting=progress.waiting,
-        measured=progress.states.get("measured", 0),
-        kept=progress.states.get("kept", 0),
-        skipped=progress.states.get("skipped", 0),
-        reasons=dict(progress.reasons),
-        items=progress.items,
-        items_changed=progress.items_changed,
-    )
-
-
-def render_row(row: ComparedRow) -> ComparedItemOut:
-    """Return a row of the table."""
-    return ComparedItemOut(
-        participant=row.participant,
-        meal_id=row.meal,
-        captured_at=row.captured_at,
-        pair=row.pair,
-        state=row.state,
-        reason=row.reason,
-        item_id=row.item.item_id if row.item is not None else None,
-        food=row.food,
-        **{name: getattr(row.item, name, None) for name in FIGURES},
-    )
-
-
-def render_plan(pairs: Sequence[PlannedPair]) -> RemeasurementPlanOut:
-    """Return the numbers of a plan."""
-    skipped = Counter(pair.skip for pair in pairs if pair.skip is not None)
-    return RemeasurementPlanOut(
-        pairs=len(pairs),
-        would_measure=len(pairs) - skipped.total(),
-        would_skip=dict(sorted(skipped.items())),
-    )

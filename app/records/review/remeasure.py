@@ -166,19 +166,11 @@ def _measure(
 def measure_of(
     item: Item, run_id: uuid.UUID, answer: ItemAnswer, *, event_id: uuid.UUID | None = None
 ) -> ItemMeasure:
-    """Return the row of a run's measurement of an item. event_id: of the event that drew the region; None: of none."""
-    low_ml, high_ml = answer.interval_ml
-    return ItemMeasure(
-        item_id=item.id,
-        event_id=event_id,
-        run_id=run_id,
-        rings=rings_of(answer.polygon),
-        volume_ml=answer.volume_ml,
-        volume_low_ml=low_ml,
-        volume_high_ml=high_ml,
-        relative_sd=answer.relative_sd,
-        flags=answer.flags,
-    )
+    """Return the row of a run's measurement of an item.
+
+    event_id: of the event that drew the region; None: of none
+    """
+    return ItemMeasure(item_id=item.id, event_id=event_id, run_id=run_id, **answer.columns())
 
 
 def _with_food(session: Session, region: Region, state: ItemState) -> Hint:
