@@ -40,6 +40,7 @@ AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of
 AFTER_PENDING = ("receiving", "queued", "processing")
 LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
 SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
+PLACE_COLUMNS = ("meal_id", "participant", "captured_at", "local_date")
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -183,21 +184,11 @@ class Window:
         )
         return [
             PlaceOut(
-                meal_id=meal_id,
-                participant=participant,
-                captured_at=captured_at,
-                local_date=local_date,
-                latitude=round(latitude_deg, SHOWN_DECIMALS),
-                longitude=round(longitude_deg, SHOWN_DECIMALS),
+                **dict(zip(PLACE_COLUMNS, row[:-2], strict=True)),
+                latitude=round(row[-2], SHOWN_DECIMALS),
+                longitude=round(row[-1], SHOWN_DECIMALS),
             )
-            for (
-                meal_id,
-                participant,
-                captured_at,
-                local_date,
-                latitude_deg,
-                longitude_deg,
-            ) in self._session.execute(query)
+            for row in self._session.execute(query)
         ]
 
 

@@ -2,7 +2,7 @@
 
 import uuid
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date, datetime
 from typing import Literal
 
@@ -33,6 +33,7 @@ from app.people.profiles import Profile
 from app.records.page_queries import MOST_BRANCHES, all_studies, participants_of, studies_of
 
 Conditions = Sequence[sa.ColumnElement[bool]]
+COUNTED = tuple(field.name for field in fields(CountedDay))
 DaySelection = Callable[[type[Meal | DiaryDay]], Conditions]
 
 
@@ -109,13 +110,7 @@ def read_days(session: Session, days: DaysOf) -> list[DayRow]:
         version, changed_at = entries.get(key, (0, None))
         after_closing, delays = arrivals.get(key, (0, ""))
         row = DayRow(
-            participant_id=day.participant_id,
-            local_date=day.local_date,
-            status=day.status,
-            said_nothing=day.said_nothing,
-            meals=day.meals,
-            unmeasured_meals=day.unmeasured_meals,
-            eaten=day.eaten,
+            **{name: getattr(day, name) for name in COUNTED},
             participant_code=participant.code,
             study_code=study.code,
             profile=participant.profile,

@@ -76,12 +76,12 @@ def count_under_way(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) 
     return own, all_of_study
 
 
-def count_records(session: Session, search: RecordSearch | None, most: int | None = None) -> int:
+def count_records(session: Session, search: RecordSearch | None, most: int | None) -> int:
     """Count the records of a search, up to `most`."""
     if search is None:
         return 0
-    rows = search.rows().subquery() if most is None else search.page(None, most)
-    return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0
+    page = search.page(None, most)
+    return session.scalar(sa.select(sa.func.count()).select_from(page)) or 0
 
 
 def count_rows(

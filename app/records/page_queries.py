@@ -42,6 +42,10 @@ CALENDAR = (date(1900, 1, 1), date(9000, 1, 1))  # days beyond bound nothing: no
 
 MOST_PLANNED = 8  # PostgreSQL plans each branch by itself, in half a millisecond; more of them are given as arrays
 ORDER = (EffectiveRecord.captured_at, EffectiveRecord.item_id)
+NAMED_ORDER: tuple[AnyColumn, AnyColumn] = (
+    sa.literal_column("captured_at"),
+    sa.literal_column("item_id"),
+)
 
 Key = tuple[datetime, uuid.UUID]
 Branch = tuple[object, ...]  # a value of each key column
@@ -61,57 +65,34 @@ class RecordSearch:
     conditions: Conditions
     is_on_sqlite: bool
 
-    def page(self, after: Key | None, limit: int, *columns: AnyColumn) -> sa.CTE:
-        """At most `limit` records behind `after`: captured_at, item_id and these columns of theirs.
+    def page(self, after: Key | None, limit: int | None) -> sa.CTE:
+        """At most `limit` records behind `after` (None: all): captured_at and item_id.
 
         In no order: the reader sorts what it has joined them with.
         """
         conditions = self.conditions if after is None else (*self.conditions, behind(*after))
+        statement = sa.select(*ORDER).where(*conditions)
         if self.is_on_sqlite or len(self.branches) <= MOST_PLANNED:
-            return self._page(conditions, limit, columns)
-        return self._page_by_arrays(conditions, limit, columns)
-
-    def rows(self, *columns: AnyColumn) -> AnyQuery | sa.CompoundSelect[*tuple[Any, ...]]:
-        """All records in their order, as SQLite finds them: captured_at, item_id and these columns of theirs."""
-        parts = self._parts(self.conditions, columns)
-        if len(parts) == 1:
-            return parts[0].order_by(*ORDER)
-        return sa.union_all(*parts).order_by(*(sa.literal_column(column.key) for column in ORDER))
-
-    def _parts(self, conditions: Conditions, columns: Sequence[AnyColumn]) -> list[AnyQuery]:
-        """A query a branch."""
-        statement = sa.select(*ORDER, *columns).where(*conditions)
-        return [
-            statement.where(*(key == value for key, value in zip(self.keys, values, strict=True)))
-            for values in self.branches
-        ]
-
-    def _page(self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]) -> sa.CTE:
-        parts = self._parts(conditions, columns)
-        if not self.is_on_sqlite:
-            parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
-        every = sa.union_all(*parts).subquery("branch")
-        return (
-            sa.select(every).order_by(every.c.captured_at, every.c.item_id).limit(limit).cte("page")
-        )
-
-    def _page_by_arrays(
-        self, conditions: Conditions, limit: int, columns: Sequence[AnyColumn]
-    ) -> sa.CTE:
-        """PostgreSQL: one plan for however many branches, each of which gives a page of its own."""
-        names = [f"key_{number}" for number in range(len(self.keys))]
-        arrays = (
-            sa.literal(list(values), postgresql.ARRAY(key.type))
-            for key, values in zip(self.keys, zip(*self.branches, strict=True), strict=True)
-        )
-        listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
-        of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
-        statement = (
-            sa.select(*ORDER, *columns).where(*conditions, *of_branch).order_by(*ORDER).limit(limit)
-        )
-        branch = statement.lateral("branch")
-        every = sa.select(branch).select_from(listed.join(branch, sa.true()))
-        return every.order_by(branch.c.captured_at, branch.c.item_id).limit(limit).cte("page")
+            parts = [
+                statement.where(
+                    *(key == value for key, value in zip(self.keys, values, strict=True))
+                )
+                for values in self.branches
+            ]
+            if not self.is_on_sqlite:
+                parts = [sa.select(part.order_by(*ORDER).limit(limit).subquery()) for part in parts]
+            every = sa.select(sa.union_all(*parts).subquery("branch"))
+        else:  # PostgreSQL: one plan for however many branches, each of which gives a page
+            names = [f"key_{number}" for number in range(len(self.keys))]
+            columns = zip(self.keys, zip(*self.branches, strict=True), strict=True)
+            arrays = (
+                sa.literal(list(values), postgresql.ARRAY(key.type)) for key, values in columns
+            )
+            listed = sa.func.unnest(*arrays).table_valued(*names).render_derived("listed")
+            of_branch = (key == listed.c[name] for key, name in zip(self.keys, names, strict=True))
+            branch = statement.where(*of_branch).order_by(*ORDER).limit(limit).lateral("branch")
+            every = sa.select(branch).select_from(listed.join(branch, sa.true()))
+        return every.order_by(*NAMED_ORDER).limit(limit).cte("page")
 
 
 def search_of(session: Session, chosen: RowFilter) -> RecordSearch | None:

@@ -7,8 +7,9 @@ done, so that a run that broke off is gone on with by the next.
 
 import tempfile
 import uuid
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -54,17 +55,18 @@ class Described:
 
 
 def check_index(database: Database, *, study_code: str | None) -> Described:
-    """What rebuild_index would do; changes nothing and opens no photograph. Raises NotFoundError for no such study."""
-    with database.read() as session:
-        described = Described(
-            kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code))
-        )
-    for meal_id in _meals(database, study_code):
+    """What rebuild_index would do; changes nothing and opens no photograph.
+
+    Raises NotFoundError for no such study.
+    """
+
+    def count(meal_id: uuid.UUID) -> Described:
         with database.read() as session:
-            count = len(vectors.regions_to_describe(session, meal_id, VCM_VERSION))
+            regions = len(vectors.regions_to_describe(session, meal_id, VCM_VERSION))
             is_there = vectors.photograph_of(session, meal_id) is not None
-        described = _plus(described, **{"described" if is_there else "gone": count})
-    return described
+        return Described(described=regions) if is_there else Described(gone=regions)
+
+    return _of_all(database, study_code, count)
 
 
 def rebuild_index(
@@ -79,34 +81,33 @@ def rebuild_index(
 
     Raises NotFoundError for no such study, UnavailableError where no child process starts.
     """
-    with database.read() as session:
-        described = Described(
-            kept=vectors.described(session, VCM_VERSION, study_id=_study_id(session, study_code))
-        )
-    for meal_id in _meals(database, study_code):
-        done = _describe_meal(database, blobs, children, settings, meal_id)
-        described = _plus(described, **asdict(done))
-    return described
+
+    def describe(meal_id: uuid.UUID) -> Described:
+        with database.read() as session:
+            regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
+            image = vectors.photograph_of(session, meal_id)
+        if not regions or image is None:
+            return Described(gone=len(regions))
+        with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
+            path = Path(name) / "photo"
+            if not _fetch(blobs, image, path):
+                return Described(unreadable=len(regions))
+            made = _vectors(children, settings, path, regions)
+        return _write(database, meal_id, regions, made)
+
+    return _of_all(database, study_code, describe)
 
 
-def _describe_meal(
-    database: Database,
-    blobs: BlobStore,
-    children: ChildPool,
-    settings: Settings,
-    meal_id: uuid.UUID,
+def _of_all(
+    database: Database, study_code: str | None, of_meal: Callable[[uuid.UUID], Described]
 ) -> Described:
+    """Return the sums over a study's meals, or all."""
     with database.read() as session:
-        regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
-        image = vectors.photograph_of(session, meal_id)
-    if not regions or image is None:
-        return Described(gone=len(regions))
-    with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
-        path = Path(name) / "photo"
-        if not _fetch(blobs, image, path):
-            return Described(unreadable=len(regions))
-        made = _vectors(children, settings, path, regions)
-    return _write(database, meal_id, regions, made)
+        study_id = _study_id(session, study_code)
+        counted = Counter(kept=vectors.described(session, VCM_VERSION, study_id=study_id))
+    for meal_id in _meals(database, study_code):
+        counted.update(asdict(of_meal(meal_id)))
+    return Described(**counted)
 
 
 def _fetch(blobs: BlobStore, image: MealImage, path: Path) -> bool:
@@ -148,8 +149,8 @@ def _vectors(
         )
         return [None] * len(regions)
     return [
-        VcmAnswer.model_validate(one).vector if one is not None else None
-        for one in ended.result["vcms"]
+        VcmAnswer.model_validate(vcm).vector if vcm is not None else None
+        for vcm in ended.result["vcms"]
     ]
 
 
@@ -164,8 +165,8 @@ def _write(
         if meal is None or vectors.photograph_of(session, meal_id) is None:  # erased meanwhile
             return Described(gone=len(regions))
         bare = {
-            (one.item_id, one.run_id)
-            for one in vectors.regions_to_describe(session, meal_id, VCM_VERSION)
+            (region.item_id, region.run_id)
+            for region in vectors.regions_to_describe(session, meal_id, VCM_VERSION)
         }
         now = datetime.now(UTC)
         new = [
@@ -214,9 +215,3 @@ def _asked(region: SeenRegion) -> dict[str, Any]:
     """The region as describe_task takes it."""
     colour = region.colour.get(DESCRIBED_SLOT) if region.colour is not None else None
     return {"rings": region.rings, "colour": colour, "marker": region.marker}
-
-
-def _plus(counted: Described, **more: int) -> Described:
-    return replace(
-        counted, **{name: getattr(counted, name) + number for name, number in more.items()}
-    )

@@ -171,7 +171,7 @@ class EstimatePair:
             try:
                 done = self._children.run(
                     self._request(plan, paths, folder),
-                    lambda stage: self._tell_stage(plan.job, stage),
+                    lambda stage: self._note_stage(plan.job, stage),
                     name=str(job_id),
                     is_alone=is_alone,
                 )
@@ -328,24 +328,22 @@ class EstimatePair:
 
     def await_room(self, job_id: uuid.UUID) -> None:
         """Show to the phone that the meal waits again, because its estimate was interrupted."""
+        self._show_stage(job_id, AWAITS_ROOM)
+
+    def _note_stage(self, job: Job, stage: str) -> None:
+        log.info("estimate_stage", stage=stage)
+        if job.purpose == "meal":
+            self._show_stage(job.id, stage)
+
+    def _show_stage(self, job_id: uuid.UUID, stage: str) -> None:
+        """Show the progress of the meal's own pair; a failure to do so does not fail the estimate."""
         try:
             with self._database.write() as session:
                 job = session.get(Job, job_id)  # None: erased meanwhile
                 if job is not None and job.purpose == "meal":
-                    meals.set_progress(session, job.meal_id, status="processing", stage=AWAITS_ROOM)
+                    meals.set_stage(session, job.meal_id, stage)
         except sqlalchemy.exc.SQLAlchemyError:
-            log.warning("stage_not_told", job_id=str(job_id), stage=AWAITS_ROOM, exc_info=True)
-
-    def _tell_stage(self, job: Job, stage: str) -> None:
-        """Show the progress of the meal's own pair to the phone; a failure to do so does not fail the estimate."""
-        log.info("estimate_stage", stage=stage)
-        if job.purpose != "meal":
-            return
-        try:
-            with self._database.write() as session:
-                meals.set_progress(session, job.meal_id, status="processing", stage=stage)
-        except sqlalchemy.exc.SQLAlchemyError:
-            log.warning("stage_not_told", meal_id=str(job.meal_id), stage=stage, exc_info=True)
+            log.warning("stage_not_told", job_id=str(job_id), stage=stage, exc_info=True)
 
 
 def _scale(

@@ -95,12 +95,12 @@ def versions_of(
     return session.execute(sa.select(Meal.id, Meal.version).where(Meal.id.in_(meal_ids))).all()
 
 
-def set_progress(session: Session, meal_id: uuid.UUID, *, status: str, stage: str | None) -> None:
-    """Set the status and stage of a waiting meal; a meal in another status is left unchanged."""
+def set_stage(session: Session, meal_id: uuid.UUID, stage: str) -> None:
+    """Set the stage of a meal that is processed; a meal that does not wait is left unchanged."""
     session.execute(
         sa.update(Meal)
         .where(Meal.id == meal_id, Meal.status.in_(WAITING))
-        .values(status=status, stage=stage, version=Meal.version + 1)
+        .values(status="processing", stage=stage, version=Meal.version + 1)
     )
 
 
