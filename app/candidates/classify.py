@@ -1,9 +1,10 @@
 """A second opinion on each food of a run's answer: by a network that the operator supplies, in a child of its own.
 
-Runs in the worker after the estimate, so that a model which cannot be loaded, crashes or answers nonsense costs a meal
-nothing: its candidates are then the index's alone, and `parameters.classifier` of the run says why. `TADA_CLASSIFIER`
-names a TOML file that describes the network: its file, digest, labels and input; docs/identification.md, "A network of
-your own", has an example. Paths in it are relative to its folder.
+Runs in the worker after the estimate, so that a model which cannot be loaded, crashes or answers
+nonsense costs a meal nothing: its candidates are then the index's alone, and
+`parameters.classifier` of the run says why. `TADA_CLASSIFIER` names a TOML file that describes the
+network: its file, digest, labels and input; docs/identification.md, "A network of your own", has an
+example. Paths in it are relative to its folder.
 """
 
 import csv
@@ -59,7 +60,8 @@ class _Described(BaseModel):
 class FoodClassifier:
     """A described network. food_keys: of each of its outputs, None for what is no food of a table.
 
-    studies: codes of those whose meals it sees; None: all. network_input: keys of vision/looks/food_model.NetworkInput.
+    studies: codes of those whose meals it sees; None: all
+    network_input: keys of vision/looks/food_model.NetworkInput
     """
 
     model: Path
@@ -140,14 +142,19 @@ def _unreadable(path: Path, reason: str) -> Failure:
 
 
 class ClassifyFoods:
-    """The use case; one per worker process. The description is read for each meal: an operator may replace it."""
+    """The use case; one per worker process.
+
+    The description is read for each meal: an operator may replace it.
+    """
 
     def __init__(self, children: ChildPool, settings: Settings) -> None:
         self._children = children
         self._settings = settings
 
     def add_candidates(self, study_code: str, answer: RunAnswer, left: Path) -> None:
-        """Set `model_candidates` of the answer's items, and `classifier` in its parameters. left: the photograph.
+        """Set `model_candidates` of the answer's items, and `classifier` in its parameters.
+
+        left: the photograph.
 
         Raises ChildPoolClosedError and ChildStartError, which say nothing of the model.
         """

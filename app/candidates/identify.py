@@ -1,13 +1,14 @@
 """Rank the foods of each item in a run's answer, by the index, the study's confirmed items and the eater's habits.
 
-Runs in the worker, after the child has described the regions and before the answer is sealed, so that saving the answer
-is reproducible. A failure never fails the meal: the items then have no candidates. If the database is unavailable, the
-job is retried.
+Runs in the worker, after the child has described the regions and before the answer is sealed, so
+that saving the answer is reproducible. A failure never fails the meal: the items then have no
+candidates. If the database is unavailable, the job is retried.
 
-The index is extended by each study's confirmed items: fitted once for a set of entries, and again when the set changes.
-Whatever is confirmed, undone, rejected or erased counts from the next meal on: the entries are read each time. Only
-vectors and the fit, which takes up to a second, are cached. A run whose marker was probably declared at a wrong size,
-judged by what stands around it, is flagged.
+The index is extended by each study's confirmed items: fitted once for a set of entries, and again
+when the set changes. Whatever is confirmed, undone, rejected or erased counts from the next meal
+on: the entries are read each time. Only vectors and the fit, which takes up to a second, are
+cached. A run whose marker was probably declared at a wrong size, judged by what stands around it,
+is flagged.
 """
 
 import math

@@ -1,6 +1,7 @@
 """Identify the food in one photograph, or in a box of it, by an index; needs no server.
 
-Also the probable forms of a food by its looks: the candidates of an index, each as its kind usually lies.
+Also the probable forms of a food by its looks: the candidates of an index, each as its kind usually
+lies.
 """
 
 import math
@@ -44,10 +45,11 @@ class IdentifiedPhoto:
 def identify_photo(
     photo: Photo, box: Box | None, marker: MarkerSpec | None = None, index: Path | None = None
 ) -> IdentifiedPhoto:
-    """Identify the food in the box, or in the likeliest place. marker: in the photograph, to correct its colours.
+    """Identify the food in the box, or in the likeliest place.
 
-    index: file of an index; None: the shipped one. Raises InvalidInputError: `box_outside`, `food_index_unreadable`,
-    or the marker's failure code if it is not found.
+    marker: in the photograph, to correct its colours.
+    index: file of an index; None: the shipped one. Raises InvalidInputError: `box_outside`,
+    `food_index_unreadable`, or the marker's failure code if it is not found.
     """
     started = time.perf_counter()
     pixels = photo.pixels_bgr
@@ -74,7 +76,10 @@ def identify_photo(
 
 
 def identify_items(items: Iterable[dict[str, Any]], index: Path | None = None) -> None:
-    """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates. index: see identify_photo."""
+    """Replace the items' feature vectors, `vcm`, in an estimate's JSON by candidates.
+
+    index: see identify_photo.
+    """
     identifier = identifier_of(index)
     for item in items:
         vcm = item.pop("vcm")
@@ -179,10 +184,13 @@ def form_index_version(index: Path | None) -> str | None:
 
 
 def likely_forms(vector: Vectors, index: Path | None) -> Mapping[str, float]:
-    """Return the probability of each form of a food, by its description (d,). They may sum to less than 1.
+    """Return the probability of each form of a food, by its description (d,).
 
-    Foods of another form than `whole`, `slab` and `heap`, and those that the starter table lacks, say nothing; neither
-    does an index that cannot be read. Raises ValueError if the vector is not finite.
+    They may sum to less than 1.
+
+    Foods of another form than `whole`, `slab` and `heap`, and those that the starter table lacks,
+    say nothing; neither does an index that cannot be read. Raises ValueError if the vector is not
+    finite.
     """
     shares: dict[str, float] = {}
     if form_index_version(index) is None:

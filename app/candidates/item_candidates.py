@@ -1,8 +1,9 @@
 """The foods that an item may be: the phone's hint, the index's candidates for its current region, then a network's.
 
-A region that was redrawn and measured again was also identified again, and only its candidates count; if the redrawing
-is undone, those of the previous region count again. Of a run's candidates, those that no food table in force has are
-not saved: they cannot be chosen, so their probability is added to "none of these".
+A region that was redrawn and measured again was also identified again, and only its candidates
+count; if the redrawing is undone, those of the previous region count again. Of a run's candidates,
+those that no food table in force has are not saved: they cannot be chosen, so their probability is
+added to "none of these".
 """
 
 import uuid
@@ -102,7 +103,10 @@ Seen = tuple[Item, ItemAnswer]  # an item and its part of the run's answer
 
 
 def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -> list[Food | None]:
-    """Save vectors and candidates. Returns the food of each item whose first candidate is likely enough, or None."""
+    """Save vectors and candidates.
+
+    Returns the food of each item whose first candidate is likely enough, or None.
+    """
     session.flush()
     foods_by_key = _named_foods(session, seen)
     places = _next_places(session, [item.id for item, _ in seen])

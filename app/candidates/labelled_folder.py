@@ -1,8 +1,9 @@
 """Build an index from a folder of labelled photographs: `tada index build FOLDER`.
 
-FOLDER/<label>/<specimen>/*.jpg, or FOLDER/<label>/*.jpg, where each photograph is a specimen of its own. Beside them,
-if wanted: foods.csv (label, name, food_key), boxes.csv (photo, x, y, width, height in px) and volumes.csv (label,
-volume_ml). docs/identification.md, "An index for another food culture", has an example.
+FOLDER/<label>/<specimen>/*.jpg, or FOLDER/<label>/*.jpg, where each photograph is a specimen of its
+own. Beside them, if wanted: foods.csv (label, name, food_key), boxes.csv (photo, x, y, width,
+height in px) and volumes.csv (label, volume_ml). docs/identification.md, "An index for another food
+culture", has an example.
 """
 
 import csv
@@ -30,7 +31,11 @@ SPECIMEN_DEPTH = 3  # parts of <label>/<specimen>/<photo>
 
 @dataclass(frozen=True, slots=True)
 class LabelledPhoto:
-    """A photograph of one food. name: its path in the folder. box: around the food, px upright; None: not known."""
+    """A photograph of one food.
+
+    name: its path in the folder
+    box: around the food, px upright; None: not known
+    """
 
     path: Path
     name: str
@@ -48,7 +53,8 @@ def build_from_folder(
 ) -> FoodIndex:
     """Return the index of a folder. on_photo hears how many of how many photographs are described.
 
-    Raises InvalidInputError, code `index_folder_invalid` or `index_too_small`, naming the file that is wrong.
+    Raises InvalidInputError, code `index_folder_invalid` or `index_too_small`, naming the file that
+    is wrong.
     """
     photos = list(labelled_photos(folder))
     if not photos:
@@ -72,7 +78,10 @@ def build_from_folder(
 
 
 def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
-    """Yield the folder's photographs in the order of their paths. Raises InvalidInputError as above."""
+    """Yield the folder's photographs in the order of their paths.
+
+    Raises InvalidInputError as above.
+    """
     boxes = _boxes(folder)
     for path in sorted(folder.glob("*/**/*")):
         parts = path.relative_to(folder).parts
@@ -94,7 +103,10 @@ def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
 
 
 def describe_labelled(photo: LabelledPhoto, max_pixels: int) -> Vectors:
-    """(d,) VCM of the food in a photograph. Raises InvalidInputError if it cannot be read or lacks the box."""
+    """(d,) VCM of the food in a photograph.
+
+    Raises InvalidInputError if it cannot be read or lacks the box.
+    """
     try:
         content = photo.path.read_bytes()
     except OSError as error:

@@ -18,7 +18,11 @@ from app.people.models import Study
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A confirmed item. is_own: of the meal's study, not of one that shares its index. day_minute: local."""
+    """A confirmed item.
+
+    is_own: of the meal's study, not of one that shares its index
+    day_minute: local
+    """
 
     item_id: uuid.UUID
     run_id: uuid.UUID
@@ -51,9 +55,10 @@ def entries_for(
 ) -> list[Entry]:
     """Return the entries that a study learns from, the newest last: its own, and those of studies that share.
 
-    At most `most`, divided evenly among the foods. Within a food the study's own entries come first, and eaters take
-    turns, each with the newest entry first, so that no single eater represents a food. If that limit is reached, the
-    newest `most_recent` entries of the study are added, which show how often a food is eaten.
+    At most `most`, divided evenly among the foods. Within a food the study's own entries come
+    first, and eaters take turns, each with the newest entry first, so that no single eater
+    represents a food. If that limit is reached, the newest `most_recent` entries of the study are
+    added, which show how often a food is eaten.
     """
     is_own = IndexEntry.study_id == study_id
     newest = (IndexEntry.captured_at.desc(), IndexEntry.item_id)
@@ -145,7 +150,10 @@ DESCRIBED_SLOT = "left"  # outlines are in this photograph's pixels
 
 @dataclass(frozen=True, slots=True)
 class SeenRegion:
-    """An item's outline (rings, px) as a run saw it. colour: by side, the run's colour corrections, if it kept any."""
+    """An item's outline (rings, px) as a run saw it.
+
+    colour: by side, the run's colour corrections, if it kept any.
+    """
 
     item_id: uuid.UUID
     run_id: uuid.UUID

@@ -1,8 +1,8 @@
 """The share of a study's participants whose intake is inadequate: the EAR cut-point, by life stage, on closed days.
 
-A few days of one person say little about their usual intake; those of a group do, once day-to-day variation is removed
-(usual_intake.py). Where the method is not valid, the result gives the reason instead of a share. Results are
-reproducible: the same data give the same result.
+A few days of one person say little about their usual intake; those of a group do, once day-to-day
+variation is removed (usual_intake.py). Where the method is not valid, the result gives the reason
+instead of a share. Results are reproducible: the same data give the same result.
 """
 
 from collections.abc import Mapping
@@ -51,7 +51,10 @@ NOT_EATEN = Amount(None, None)
 
 @dataclass(slots=True)
 class ClosedAmounts:
-    """A participant's closed days, at least one. amounts: of the days on which it is known, in order."""
+    """A participant's closed days, at least one.
+
+    amounts: of the days on which it is known, in order.
+    """
 
     profile: Profile | None
     last_day: date = date.min
@@ -98,7 +101,8 @@ def contents_of_days(
 ) -> dict[DayKey, Amount]:
     """Sum a component of the food table over each day's records.
 
-    subtracted: number of a component to subtract (fibre from carbohydrate); the difference is unknown where it is.
+    subtracted: number of a component to subtract (fibre from carbohydrate); the difference is
+    unknown where it is.
     """
     record, content = EffectiveRecord, _contents(number)
     per_100_g: AnyColumn = content.c.per_100_g
@@ -154,7 +158,10 @@ class _Group:
 
 
 def find_component(name: str) -> Component:
-    """Find a component by number, tagname or record column. Raises InvalidInputError (`component_unknown`)."""
+    """Find a component by number, tagname or record column.
+
+    Raises InvalidInputError (`component_unknown`).
+    """
     number = (
         HEADLINE_BY_COLUMN[name].numbers[0]
         if name in HEADLINE_BY_COLUMN
@@ -174,7 +181,10 @@ def judge_study(
     first_day: date | None,
     last_day: date | None,
 ) -> AdequacyOut:
-    """Judge the intake of a component by number, tagname or record column. Raises NotFoundError, InvalidInputError."""
+    """Judge the intake of a component by number, tagname or record column.
+
+    Raises NotFoundError, InvalidInputError.
+    """
     component = find_component(component_name)
     with database.read() as session:
         study = enter_study(session, caller, study_code)

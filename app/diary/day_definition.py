@@ -95,8 +95,9 @@ class DaysOf(NamedTuple):
 class Amount(NamedTuple):
     """A day's sum of a component over the items for which it is known, and their share.
 
-    value: None if it is known for no item.
-    coverage: their share of the eaten grams, 0 to 1; None if the grams of an item or of a whole meal are unknown.
+    value: None if it is known for no item
+    coverage: their share of the eaten grams, 0 to 1; None if the grams of an item or of a whole
+        meal are unknown
     """
 
     value: float | None

@@ -30,7 +30,8 @@ from app.people.studies import enter_study
 class MeanAmount(NamedTuple):
     """A mean daily amount over closed days, the number of them on which it is known, and their mean coverage.
 
-    mean: None if it is known on no closed day. coverage: None if it is unknown on one of the closed days.
+    mean: None if it is known on no closed day
+    coverage: None if it is unknown on one of the closed days
     """
 
     mean: float | None
@@ -42,8 +43,9 @@ class MeanAmount(NamedTuple):
 class IntakeRow:
     """A participant's mean daily intake over closed days.
 
-    first_day, last_day: of all days with a meal or a diary entry; days: their number. whole_days: closed days that are
-    measured and final, with all energy known; whole_energy_kcal: their mean energy.
+    first_day, last_day: of all days with a meal or a diary entry; days: their number
+    whole_days: closed days that are measured and final, with all energy known; whole_energy_kcal:
+        their mean energy
     """
 
     participant: str
@@ -160,7 +162,10 @@ class Intake(IntakeRow):
 def list_day_summaries(
     database: Database, caller: Caller, chosen: RowFilter, *, cursor: str | None, limit: int
 ) -> Page[DayRow]:
-    """Return a page of days by (local date, participant). Raises InvalidInputError for an invalid cursor."""
+    """Return a page of days by (local date, participant).
+
+    Raises InvalidInputError for an invalid cursor.
+    """
     chosen = visible_rows(caller, chosen)
     name = list_name("days", chosen)
     after = decode_cursor(name, cursor, DAY, ID)
@@ -179,7 +184,10 @@ def list_intakes(
     cursor: str | None,
     limit: int,
 ) -> Page[Intake]:
-    """Return mean daily intakes of a study's participants, by code. Raises NotFoundError, InvalidInputError."""
+    """Return mean daily intakes of a study's participants, by code.
+
+    Raises NotFoundError, InvalidInputError.
+    """
     name = f"intakes of {study_code} from {first_day} to {last_day}"
     after = decode_cursor(name, cursor, TEXT)
     with database.read() as session:

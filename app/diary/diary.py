@@ -1,8 +1,8 @@
 """The diary: a participant closes a day or enters that nothing was eaten; a reviewer's entry overrides theirs.
 
-Day events are appended, never changed. A day's state is the newest event of the highest layer. Means leave out open
-days, since a day with a forgotten meal looks like an open day. A meal overrides the entry that nothing was eaten: the
-day stays closed and counts as a day with meals.
+Day events are appended, never changed. A day's state is the newest event of the highest layer.
+Means leave out open days, since a day with a forgotten meal looks like an open day. A meal
+overrides the entry that nothing was eaten: the day stays closed and counts as a day with meals.
 """
 
 import uuid
@@ -50,11 +50,14 @@ def set_day(
     expected: frozenset[int] | None,
     participant_ref: ParticipantRef | None = None,
 ) -> DayRow:
-    """Close or reopen a day. expected: versions that the caller may have read, 0 without an event; None: any.
+    """Close or reopen a day.
+
+    expected: versions that the caller may have read, 0 without an event; None: any.
 
     A repeat of the last event, by the same author and with the version before it, changes nothing.
-    Raises InvalidInputError (`day_impossible`), NotFoundError, PreconditionFailedError, ConflictError (`day_has_meals`,
-    `participant_withdrawn`), GoneError (`withdrawn`, for the phone).
+    Raises InvalidInputError (`day_impossible`), NotFoundError, PreconditionFailedError,
+    ConflictError (`day_has_meals`, `participant_withdrawn`), GoneError (`withdrawn`, for the
+    phone).
     """
     now = datetime.now(UTC)
     if not EARLIEST.date() <= local_date <= latest_day(now):
@@ -128,7 +131,8 @@ def list_days(
 ) -> list[DayRow]:
     """Return a participant's days that have a meal or a diary entry, by date; without a range, the last month.
 
-    Raises InvalidInputError for a range that is reversed or longer than MAX_RANGE_DAYS, NotFoundError.
+    Raises InvalidInputError for a range that is reversed or longer than MAX_RANGE_DAYS,
+    NotFoundError.
     """
     first, last = day_range(first_day, last_day, latest_day(datetime.now(UTC)), DEFAULT_RANGE_DAYS)
     with database.read() as session:
@@ -165,7 +169,10 @@ def day_range(
 def find_participant(
     session: Session, caller: Caller, participant_ref: ParticipantRef | None
 ) -> Participant:
-    """Return the phone's own participant, or the one that staff refer to. Raises NotFoundError, NotAllowedError."""
+    """Return the phone's own participant, or the one that staff refer to.
+
+    Raises NotFoundError, NotAllowedError.
+    """
     if isinstance(caller, DeviceCaller):
         own = session.get(Participant, caller.participant_id)
         if own is None:  # erased since the token was looked up

@@ -25,9 +25,11 @@ class Bin(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Distribution:
-    """A headline nutrient over whole days. edges: one more than counts, in order; both empty without bins.
+    """A headline nutrient over whole days.
 
-    days_below_bins, days_above_bins: days outside the bins. sd: of the sample of days; None for fewer than two.
+    edges: one more than counts, in order; both empty without bins.
+    days_below_bins, days_above_bins: days outside the bins
+    sd: of the sample of days; None for fewer than two
     sd_between_persons: the same of the persons' means. Without a day all statistics are None.
     """
 

@@ -1,7 +1,8 @@
 """A participant's feedback: a day's amounts and, from three closed days on, a comparison with reference intakes.
 
-It is off unless the study gives feedback, since feedback changes what people eat. A single day shows amounts only: it
-says nothing about reaching a recommendation. Staff see the same feedback for participants of their studies.
+It is off unless the study gives feedback, since feedback changes what people eat. A single day
+shows amounts only: it says nothing about reaching a recommendation. Staff see the same feedback for
+participants of their studies.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -52,8 +53,8 @@ def read_feedback(
 ) -> SummaryOut:
     """Return a day's feedback; without a date, of the last day that has a meal or a diary entry.
 
-    Raises NotAllowedError (`feedback_off`) for a phone whose study gives no feedback, InvalidInputError (`no_day_yet`),
-    NotFoundError.
+    Raises NotAllowedError (`feedback_off`) for a phone whose study gives no feedback,
+    InvalidInputError (`no_day_yet`), NotFoundError.
     """
     with database.read() as session:
         participant = find_participant(session, caller, participant_ref)
@@ -106,8 +107,8 @@ def sum_amounts(
 ) -> dict[str, EatenAmountOut]:
     """Sum records by column, with an interval that is valid however the items' errors are correlated.
 
-    Each end is the sum of the items' ends, as if all errors were fully correlated: the interval may be too wide, never
-    too narrow. is_all: False if something was eaten that has no record.
+    Each end is the sum of the items' ends, as if all errors were fully correlated: the interval may
+    be too wide, never too narrow. is_all: False if something was eaten that has no record.
     """
     eaten = list(records)
     sums = {column: _sum(eaten, column) for column in HEADLINE_COLUMNS}

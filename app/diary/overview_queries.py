@@ -47,8 +47,8 @@ LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 class Person(NamedTuple):
     """A participant and the days expected of them.
 
-    first_day: their start, else their first meal or closed day; None if there is none yet; at the earliest the window's
-    first day, unless the start is set.
+    first_day: their start, else their first meal or closed day; None if there is none yet; at the
+    earliest the window's first day, unless the start is set.
     """
 
     id: uuid.UUID
@@ -235,7 +235,8 @@ def _is_of_study(
 def _first_expected_day(first_day: date) -> sa.ColumnElement[date | None]:
     """Return a participant's start if it is set, else their first day with a meal or closed day.
 
-    If they have a meal before the window, it returns the window's first day: one lookup instead of two.
+    If they have a meal before the window, it returns the window's first day: one lookup instead of
+    two.
     """
     has_earlier_meal = sa.exists().where(
         Meal.participant_id == Participant.id, Meal.local_date < first_day

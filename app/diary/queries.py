@@ -41,12 +41,11 @@ DaySelection = Callable[[type[Meal | DiaryDay]], Conditions]
 class DayRow(CountedDay):
     """A participant's day.
 
-    study_day: 1 on the participant's first day; None if no first day is known
-    version, changed_at: of the diary entry; 0 and None without one
-    meals_after_closing: meals that arrived after the day was closed
-    median_upload_delay_seconds: from eating to arrival, of the day's meals
-    leftovers_unknown_items: counted as eaten up because no leftovers were recorded, in a study that expects an
-        after-meal pair
+    study_day: 1 on the participant's first day; None if no first day is known version, changed_at:
+    of the diary entry; 0 and None without one meals_after_closing: meals that arrived after the day
+    was closed median_upload_delay_seconds: from eating to arrival, of the day's meals
+    leftovers_unknown_items: counted as eaten up because no leftovers were recorded, in a study that
+    expects an after-meal pair
     """
 
     participant_code: str
@@ -175,7 +174,10 @@ def edge_days(
     edge: Callable[[InstrumentedAttribute[date]], sa.ColumnElement[date]],
     selection: DaySelection,
 ) -> list[date]:
-    """Return the first or last day with a meal and with a diary entry. edge: sa.func.min or sa.func.max."""
+    """Return the first or last day with a meal and with a diary entry.
+
+    edge: sa.func.min or sa.func.max.
+    """
     days = [
         session.scalar(sa.select(edge(table.local_date)).where(*selection(table)))
         for table in (Meal, DiaryDay)
@@ -254,7 +256,10 @@ def meals_of_day(
 
 
 def lock_participant(session: Session, participant_id: uuid.UUID) -> Participant | None:
-    """Lock a participant until commit, so that their day events are written one by one. None: erased meanwhile."""
+    """Lock a participant until commit, so that their day events are written one by one.
+
+    None: erased meanwhile.
+    """
     query = sa.select(Participant).where(Participant.id == participant_id)
     query = query.with_for_update(key_share=True)  # does not block new meals
     return session.scalars(query.execution_options(populate_existing=True)).one_or_none()

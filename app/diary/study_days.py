@@ -37,7 +37,10 @@ def stage_of(person: Person) -> LifeStage | None:
 def judge_days(
     profile: Profile | None, day: date, energy_kcal: float | None, days: int
 ) -> Plausibility:
-    """Judge whether the mean energy of so many whole days is plausible for the participant. day: one of them."""
+    """Judge whether the mean energy of so many whole days is plausible for the participant.
+
+    day: one of them.
+    """
     person = person_on(profile, day)
     if person is None:
         return Plausibility("unknown", days, reason="profile_unknown")

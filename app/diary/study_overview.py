@@ -1,7 +1,8 @@
 """A study's overview over a window of local days: participants, days, waiting meals, nutrients, places.
 
-All figures come from one read transaction. Unknown values are None, never 0. Means and distributions are over whole
-days (closed and measured and final, or nothing eaten) and give the number of days.
+All figures come from one read transaction. Unknown values are None, never 0. Means and
+distributions are over whole days (closed and measured and final, or nothing eaten) and give the
+number of days.
 """
 
 import uuid
@@ -43,11 +44,15 @@ NO_MEALS = MealsOfDay(dict.fromkeys(MEAL_STATUSES, 0), 0, 0, "")
 
 @dataclass(frozen=True, slots=True)
 class StudyOverview:
-    """A study's overview. statuses: of the window's meals. waiting, failures: of the whole study, now.
+    """A study's overview.
 
-    waiting also counts meals whose after-meal pair is pending or has failed, in any status. person_days: by participant
-    and day; empty if there are more than MAX_PERSONS or MAX_DAYS_OF_PERSONS. located_meals: of the window; None if the
-    study keeps no places. places: the newest, rounded to SHOWN_DECIMALS.
+    statuses: of the window's meals
+    waiting, failures: of the whole study, now
+
+    waiting also counts meals whose after-meal pair is pending or has failed, in any status.
+    person_days: by participant and day; empty if there are more than MAX_PERSONS or
+    MAX_DAYS_OF_PERSONS. located_meals: of the window; None if the study keeps no places. places:
+    the newest, rounded to SHOWN_DECIMALS.
     """
 
     study: str
@@ -83,10 +88,11 @@ def study_overview(
 ) -> StudyOverview:
     """Return the overview from first_day to last_day, both included.
 
-    Without last_day the window ends with the last day that has a meal or a diary entry, but not before first_day.
+    Without last_day the window ends with the last day that has a meal or a diary entry, but not
+    before first_day.
 
-    days: length of the window without first_day; None: from the first day with data. binned: the headline column to
-    count bins of; None: all.
+    days: length of the window without first_day; None: from the first day with data
+    binned: the headline column to count bins of; None: all
 
     Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
     """
@@ -313,7 +319,10 @@ def _days_until(first: date, last: date) -> list[date]:
 
 
 def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
-    """Return the last day of the window expected of a participant. withdrawn_at: None if they have not left."""
+    """Return the last day of the window expected of a participant.
+
+    withdrawn_at: None if they have not left.
+    """
     return min(last, today, _left_on(withdrawn_at) if withdrawn_at is not None else last)
 
 

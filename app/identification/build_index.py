@@ -1,9 +1,10 @@
 """Build an index of foods from described regions and write it as an archive that read_index reads.
 
-Vectors with labels and specimens in -> FoodIndex. The metric weighs each block of features the same, however many
-numbers it has. The calibration makes held-out examples likeliest: of known classes, no picture of whose specimen was
-seen (pictures of one specimen are far more alike than two specimens are), and of classes that were left out whole,
-which stand for all that the index does not know. Reading photographs is left to others.
+Vectors with labels and specimens in -> FoodIndex. The metric weighs each block of features the
+same, however many numbers it has. The calibration makes held-out examples likeliest: of known
+classes, no picture of whose specimen was seen (pictures of one specimen are far more alike than two
+specimens are), and of classes that were left out whole, which stand for all that the index does not
+know. Reading photographs is left to others.
 """
 
 import csv
@@ -36,9 +37,12 @@ def build_index(
 ) -> FoodIndex:
     """Return the index of these regions, calibrated on specimens and foods that were held out.
 
-    vectors: (n, d). labels: (n,) places in foods. specimens: n names, the same for pictures of one piece. volumes_ml:
-    of each label's pieces. Raises InvalidInputError, code `index_too_small`, unless there are two foods, one of them
-    with two specimens: nothing can be held out of less.
+    vectors: (n, d)
+    labels: (n,) places in foods
+    specimens: n names, the same for pictures of one piece
+    volumes_ml: of each label's pieces
+    Raises InvalidInputError, code `index_too_small`, unless there are two foods, one of them with
+    two specimens: nothing can be held out of less.
     """
     stored = vectors.astype(np.float16).astype(np.float64)
     pieces = {(int(label), specimen) for label, specimen in zip(labels, specimens, strict=True)}
@@ -66,7 +70,10 @@ def build_index(
 
 
 def write_index(path: Path, index: FoodIndex) -> None:
-    """The archive that read_index reads; the same index gives the same bytes. Vectors are kept in half precision."""
+    """The archive that read_index reads; the same index gives the same bytes.
+
+    Vectors are kept in half precision.
+    """
     sizes = [
         (food.label, volume)
         for food in index.foods
@@ -109,7 +116,8 @@ SEARCH_FROM = (np.log(0.1), 0.4)
 def fit_calibration(known: Vectors, labels: NDArray[np.intp], unknown: Vectors) -> Calibration:
     """known: (n, classes) held-out scores of labels, (n,); unknown: (m, classes or fewer), of classes left out.
 
-    The known weigh 1 - NONE_PRIOR together, the unknown NONE_PRIOR. Raises ValueError without some of both.
+    The known weigh 1 - NONE_PRIOR together, the unknown NONE_PRIOR. Raises ValueError without some
+    of both.
     """
     if len(known) == 0 or len(unknown) == 0:
         raise ValueError("examples of known classes and of classes left out are needed")
@@ -126,7 +134,10 @@ def fit_calibration(known: Vectors, labels: NDArray[np.intp], unknown: Vectors) 
 
 
 def _calibration(parameters: NDArray[np.float64]) -> Calibration:
-    """From log temperature and none score. Scores that part all classes would have a temperature of 0."""
+    """From log temperature and none score.
+
+    Scores that part all classes would have a temperature of 0.
+    """
     return Calibration(max(float(np.exp(parameters[0])), LEAST_TEMPERATURE), float(parameters[1]))
 
 
@@ -140,7 +151,10 @@ SAMPLE = 400  # of examples whose distances are measured
 
 
 def fit_metric(vectors: Vectors, layout: Sequence[BlockLayout]) -> Metric:
-    """The metric of some examples, (n, d), n >= 1. Raises ValueError if the blocks do not make up the vectors."""
+    """The metric of some examples, (n, d), n >= 1.
+
+    Raises ValueError if the blocks do not make up the vectors.
+    """
     if sum(block.size for block in layout) != vectors.shape[1]:
         raise ValueError(
             f"blocks of {sum(block.size for block in layout)} numbers, vectors of {vectors.shape[1]}"
@@ -180,7 +194,10 @@ FOLDS = 10
 def specimen_folds(
     labels: NDArray[np.intp], specimens: Sequence[str], folds: int = FOLDS, seed: int = 0
 ) -> list[NDArray[np.intp]]:
-    """Rows held out together: each specimen in one fold, each class's specimens dealt out evenly. labels: (n,)."""
+    """Rows held out together: each specimen in one fold, each class's specimens dealt out evenly.
+
+    labels: (n,).
+    """
     rng = np.random.default_rng(seed)
     names = np.asarray(specimens)
     fold_of: dict[str, int] = {}

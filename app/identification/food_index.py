@@ -1,7 +1,7 @@
 """The index that ships with the program: described regions of known foods, and how their likeness becomes probability.
 
-One compressed NumPy archive of numbers and short words: no pickle, no photograph. labels.csv beside it, which people
-read and correct, names the food of the food table for each label.
+One compressed NumPy archive of numbers and short words: no pickle, no photograph. labels.csv beside
+it, which people read and correct, names the food of the food table for each label.
 """
 
 import csv
@@ -58,7 +58,8 @@ class KnownFood:
 class FoodIndex:
     """vectors: (n, d); labels: (n,) places in foods; specimens: (n,) names, the same for pictures of one piece.
 
-    volumes_ml: of each food's measured pieces. version: names the source and the content.
+    volumes_ml: of each food's measured pieces
+    version: names the source and the content
     """
 
     version: str
@@ -108,7 +109,10 @@ def shipped_foods() -> tuple[KnownFood, ...]:
 
 
 def read_labels(text: str) -> tuple[KnownFood, ...]:
-    """Lines of label, name, food_key. Raises ValueError for an empty cell, or a label or a food that stands twice."""
+    """Lines of label, name, food_key.
+
+    Raises ValueError for an empty cell, or a label or a food that stands twice.
+    """
     foods = tuple(
         KnownFood(row["label"], row["name"], row["food_key"])
         for row in csv.DictReader(io.StringIO(text))

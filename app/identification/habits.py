@@ -1,8 +1,9 @@
 """What somebody is likely to eat: their own confirmed meals, the study's, and the time of day.
 
-Each level gives way to the next as it gathers meals (hierarchical Dirichlet smoothing: MacKay and Peto, "A hierarchical
-Dirichlet language model", Nat. Lang. Eng. 1(3), 1995): a participant's shares are pulled to the study's, the study's
-to equal shares. A meal at about the same time of day counts more than one at another.
+Each level gives way to the next as it gathers meals (hierarchical Dirichlet smoothing: MacKay and
+Peto, "A hierarchical Dirichlet language model", Nat. Lang. Eng. 1(3), 1995): a participant's shares
+are pulled to the study's, the study's to equal shares. A meal at about the same time of day counts
+more than one at another.
 """
 
 import math
@@ -33,8 +34,9 @@ def log_prior(
 ) -> list[float]:
     """Natural logarithm of the share of each food, in their order; they add up to 1.
 
-    own: the participant's items. study: the others'. Own ones among these would count twice, and what somebody has not
-    eaten yet would be as good as ruled out.
+    own: the participant's items
+    study: the others'. Own ones among these would count twice, and what somebody has not eaten yet
+        would be as good as ruled out.
     """
     known = set(foods)
     of_study = _weights(known, day_minute, study)
@@ -53,9 +55,9 @@ def log_prior(
 def new_food_share(known_before: frozenset[str], confirmed: Sequence[str]) -> float:
     """How often the next item will be a food that the index does not know.
 
-    The share of confirmed items whose food came up once only and was not known before (Good, "The population
-    frequencies of species and the estimation of population parameters", Biometrika 40, 1953), with NEW_FOODS in NEW_OF
-    to begin with.
+    The share of confirmed items whose food came up once only and was not known before (Good, "The
+    population frequencies of species and the estimation of population parameters", Biometrika 40,
+    1953), with NEW_FOODS in NEW_OF to begin with.
     """
     counts: dict[str, int] = {}
     for food in confirmed:

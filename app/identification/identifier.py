@@ -1,7 +1,8 @@
 """Described region and circumstances -> ranked foods with probabilities; it learns from confirmed items.
 
-By Bayes' rule: how likely the looks (kernel_classifier, calibrate), how likely the size (sizes), how likely that
-somebody eats this now (habits), each for every food that the index knows and for none of them.
+By Bayes' rule: how likely the looks (kernel_classifier, calibrate), how likely the size (sizes),
+how likely that somebody eats this now (habits), each for every food that the index knows and for
+none of them.
 """
 
 import hashlib
@@ -26,8 +27,10 @@ MOST_EXAMPLES = 1400
 class Example:
     """A confirmed item: vector (d,) by the index's VCM version; the rest as far as it is known.
 
-    name: unique, for the index's version. is_own: of the study itself, not of another that shares its index.
-    day_minute: after local midnight. eater: any name of the person.
+    name: unique, for the index's version
+    is_own: of the study itself, not of another that shares its index
+    day_minute: after local midnight
+    eater: any name of the person
     """
 
     name: str
@@ -41,7 +44,11 @@ class Example:
 
 @dataclass(frozen=True, slots=True)
 class Circumstances:
-    """What is known of an item beside its looks. own: the confirmed items of its eater. day_minute: local."""
+    """What is known of an item beside its looks.
+
+    own: the confirmed items of its eater
+    day_minute: local
+    """
 
     volume_ml: float | None = None
     volume_relative_sd: float = 0.0
@@ -55,7 +62,10 @@ NO_CIRCUMSTANCES = Circumstances()
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A food that it may be. name, label: of the shipped index, None for a food that was learned."""
+    """A food that it may be.
+
+    name, label: of the shipped index, None for a food that was learned.
+    """
 
     name: str | None
     label: str | None
@@ -91,10 +101,12 @@ class Identifier:
     def __init__(
         self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None
     ) -> None:
-        """learned: the newest last. none_prior: probability of a food unknown to the index; None: from own examples.
+        """learned: the newest last.
 
-        Raises ValueError if an example's vector is not of the index's length, or not finite, or none_prior is not
-        between 0 and 1.
+        none_prior: probability of a food unknown to the index; None: from own examples.
+
+        Raises ValueError if an example's vector is not of the index's length, or not finite, or
+        none_prior is not between 0 and 1.
         """
         if none_prior is not None and not 0.0 < none_prior < 1.0:
             raise ValueError(
@@ -133,7 +145,10 @@ class Identifier:
         return self._sizes.get(food_key)
 
     def sizes_by_looks(self, vector: Vectors) -> list[tuple[float, FoodSize]]:
-        """Return the probability of each food of known size by looks alone, with its size. Raises as identify."""
+        """Return the probability of each food of known size by looks alone, with its size.
+
+        Raises as identify.
+        """
         candidates = self.identify(vector, most=len(self._known)).candidates
         return [
             (candidate.probability, self._sizes[candidate.food_key])
@@ -173,8 +188,9 @@ class Identifier:
 def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> list[Example]:
     """Return at most `most` examples, in their order: the newest of each food, as many as of any other food.
 
-    learned: the newest last. Own examples come before those of other studies, and eaters take turns, so that no single
-    person defines a food. If there are more foods than `most`, the foods of the newest examples are kept.
+    learned: the newest last. Own examples come before those of other studies, and eaters take
+    turns, so that no single person defines a food. If there are more foods than `most`, the foods
+    of the newest examples are kept.
     """
     of_eater: Counter[tuple[str, str | None]] = Counter()
     turns = {}

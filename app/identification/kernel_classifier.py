@@ -1,15 +1,17 @@
 """Which known food a region is: scores by kernel ridge classification, and the probabilities that follow from them.
 
-Each class's membership (1 or 0) is regressed on likeness to the examples: Saunders, Gammerman and Vovk, "Ridge
-regression learning algorithm in dual variables", ICML 1998, with the Gaussian kernel; for classes it is, but for its
-bias, the machine of Suykens and Vandewalle, "Least squares support vector machine classifiers", Neural Process.
-Lett. 9(3), 1999. It needs one linear system and no other training, so that confirmed items join by solving it again. A
-class of five examples stands beside one of seventy: each example's noise grows with the root of its class's size, and
-scores are raised by what a small class is known to lack.
+Each class's membership (1 or 0) is regressed on likeness to the examples: Saunders, Gammerman and
+Vovk, "Ridge regression learning algorithm in dual variables", ICML 1998, with the Gaussian kernel;
+for classes it is, but for its bias, the machine of Suykens and Vandewalle, "Least squares support
+vector machine classifiers", Neural Process. Lett. 9(3), 1999. It needs one linear system and no
+other training, so that confirmed items join by solving it again. A class of five examples stands
+beside one of seventy: each example's noise grows with the root of its class's size, and scores are
+raised by what a small class is known to lack.
 
-p(class) ~ prior(class) exp(score / temperature), p(none) ~ prior(none) exp(none_score / temperature): temperature
-scaling (Guo, Pleiss, Sun and Weinberger, "On calibration of modern neural networks", ICML 2017) with one more class,
-"none of these", whose score is the same for all regions. Both numbers come with the index (build_index.py fits them).
+p(class) ~ prior(class) exp(score / temperature), p(none) ~ prior(none) exp(none_score /
+temperature): temperature scaling (Guo, Pleiss, Sun and Weinberger, "On calibration of modern neural
+networks", ICML 2017) with one more class, "none of these", whose score is the same for all regions.
+Both numbers come with the index (build_index.py fits them).
 """
 
 from dataclasses import dataclass
@@ -86,7 +88,8 @@ def posterior(
 ) -> tuple[Vectors, NDArray[np.float64]]:
     """(n, classes) probabilities and (n,) of none of them; a row and its none add up to 1.
 
-    log_prior: (classes,) or (n, classes), of the classes among themselves. none_prior: between 0 and 1.
+    log_prior: (classes,) or (n, classes), of the classes among themselves
+    none_prior: between 0 and 1
     """
     known = log_likelihoods + log_prior + np.log1p(-none_prior)
     none = np.full((len(known), 1), none_log_likelihood + np.log(none_prior))

@@ -1,7 +1,7 @@
 """When two regions look alike: blocks of unlike features brought to one scale, then one distance.
 
-Measures are standardised, each by itself, and clipped, so that one odd measure cannot make a region unlike all others.
-The scale comes with the index (build_index.py fits it).
+Measures are standardised, each by itself, and clipped, so that one odd measure cannot make a region
+unlike all others. The scale comes with the index (build_index.py fits it).
 """
 
 from dataclasses import dataclass

@@ -1,10 +1,11 @@
 """What sizes say: which food an item may be, and whether the marker has the size that was declared.
 
-Volumes of a food are taken as log-normal, from the shipped index and the items that a study has confirmed. A slice of
-a food, or two pieces, is always possible, so no size rules a food out.
+Volumes of a food are taken as log-normal, from the shipped index and the items that a study has
+confirmed. A slice of a food, or two pieces, is always possible, so no size rules a food out.
 
-A board declared at twice its size makes plates of half a metre and apples of a litre and a half. Round dishes and foods
-of known kinds say by Bayes' rule which factor all lengths should have: 1, within the error of a printer, or any other.
+A board declared at twice its size makes plates of half a metre and apples of a litre and a half.
+Round dishes and foods of known kinds say by Bayes' rule which factor all lengths should have: 1,
+within the error of a printer, or any other.
 """
 
 import math
@@ -32,8 +33,9 @@ class FoodSize:
 def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
     """Return the size of a food's next piece from measured pieces, ml; None without any. 0 and NaN are left out.
 
-    The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the scaled inverse chi-squared
-    prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one of the mean, and a normal for the t.
+    The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the scaled
+    inverse chi-squared prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one of the
+    mean, and a normal for the t.
     """
     logs = [math.log(volume) for volume in volumes_ml if 0.0 < volume < math.inf]
     if not logs:
@@ -50,7 +52,8 @@ def size_log_likelihood(
 ) -> float:
     """Return the log likelihood ratio of this volume, the food against any food; 0 where either is not known.
 
-    relative_sd: of the measurement. At least log(1 - AS_EXPECTED); 0 for values that are not finite.
+    relative_sd: of the measurement. At least log(1 - AS_EXPECTED); 0 for values that are not
+    finite.
     """
     if (
         size is None
@@ -93,7 +96,9 @@ Log = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class MeasuredFood:
-    """volume_ml: with its relative standard deviation. kinds: (probability, size) of the foods that it may be.
+    """volume_ml: with its relative standard deviation.
+
+    kinds: (probability, size) of the foods that it may be.
 
     What is left of the probabilities is for a food of which no size is known.
     """
@@ -148,7 +153,10 @@ def _of_any_food(food: MeasuredFood) -> Log:
 
 
 def _of_its_kind(food: MeasuredFood) -> Log:
-    """(n,) what its kind adds. A slice, or several pieces, may have any size, as for the identification (sizes.py)."""
+    """(n,) what its kind adds.
+
+    A slice, or several pieces, may have any size, as for the identification (sizes.py).
+    """
     logs, share = math.log(food.volume_ml) + 3.0 * LOG_FACTORS, 0.0
     of_kinds = np.zeros_like(logs)
     for probability, size in food.kinds:

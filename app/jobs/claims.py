@@ -1,10 +1,11 @@
 """Claim jobs for one worker: never more than it has room for, and the next one as soon as a child is free.
 
-A claim is one short transaction (jobs/queries.py, claim_jobs) under the worker's lease. Each claimed job runs in its
-own thread.
+A claim is one short transaction (jobs/queries.py, claim_jobs) under the worker's lease. Each
+claimed job runs in its own thread.
 
-Background jobs must not delay a meal that a phone waits for. They are queued (backlog) and claimed only while nothing
-else waits, on all cores but one; if a meal waits and every core is busy, one of them is ended and handed back.
+Background jobs must not delay a meal that a phone waits for. They are queued (backlog) and claimed
+only while nothing else waits, on all cores but one; if a meal waits and every core is busy, one of
+them is ended and handed back.
 """
 
 import random
@@ -37,9 +38,12 @@ def no_backlog(room: int) -> int:
 
 
 class Claims:
-    """One per worker process. run: performs a job. protocol: this program's; jobs of a higher one are not claimed.
+    """One per worker process.
 
-    backlog: queues up to so many background jobs and returns their number. abandon: ends the estimate of a job.
+    run: performs a job
+    protocol: this program's; jobs of a higher one are not claimed
+    backlog: queues up to so many background jobs and returns their number
+    abandon: ends the estimate of a job
     """
 
     def __init__(

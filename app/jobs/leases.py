@@ -1,7 +1,9 @@
-"""A worker's lease. PostgreSQL: a row with a heartbeat on the database's clock. SQLite: a locked file.
+"""A worker's lease.
 
-A worker acquires its lease before it claims jobs. While it holds the lease, no other worker takes its jobs over; once
-the lease is taken away, `guard` refuses every write of the worker that had it.
+PostgreSQL: a row with a heartbeat on the database's clock. SQLite: a locked file.
+
+A worker acquires its lease before it claims jobs. While it holds the lease, no other worker takes
+its jobs over; once the lease is taken away, `guard` refuses every write of the worker that had it.
 """
 
 import contextlib
@@ -48,11 +50,17 @@ class Lease(Protocol):
         ...
 
     def renew(self) -> bool:
-        """Send a heartbeat. Returns False if the lease was taken: the worker must end. Raises if the database fails."""
+        """Send a heartbeat.
+
+        Returns False if the lease was taken: the worker must end. Raises if the database fails.
+        """
         ...
 
     def guard(self, session: Session) -> None:
-        """Keep the lease from being taken until the session's transaction ends. Raises JobLeft if it is lost."""
+        """Keep the lease from being taken until the session's transaction ends.
+
+        Raises JobLeft if it is lost.
+        """
         ...
 
     def release(self) -> None:
@@ -60,7 +68,9 @@ class Lease(Protocol):
         ...
 
     def bury(self, pending: set[str]) -> set[str]:
-        """Take away the leases of dead workers. Returns those of `pending`, executors with claimed jobs, that are dead.
+        """Take away the leases of dead workers.
+
+        Returns those of `pending`, executors with claimed jobs, that are dead.
 
         `pending` must be read before the call: all executors in it had a lease by then.
         """
@@ -106,7 +116,10 @@ def living_workers(database: Database, times: WorkerTimes | None = None) -> list
 
 
 class DatabaseLease:
-    """A row in worker_lease. All times are on the database's clock, so that hosts' clocks do not matter."""
+    """A row in worker_lease.
+
+    All times are on the database's clock, so that hosts' clocks do not matter.
+    """
 
     def __init__(self, database: Database, executor: Executor, times: WorkerTimes) -> None:
         self.executor_id = executor.executor_id
@@ -165,8 +178,8 @@ class DatabaseLease:
     def _stalled(self, ahead: set[tuple[str, datetime]]) -> list[tuple[str, datetime]]:
         """Return leases whose heartbeat lies in the future and has not moved for a lease's time on our own clock.
 
-        The database's clock went back. A living worker renews its heartbeat soon; a worker that died before would
-        otherwise seem alive until the clock has caught up.
+        The database's clock went back. A living worker renews its heartbeat soon; a worker that
+        died before would otherwise seem alive until the clock has caught up.
         """
         now = time.monotonic()
         self._ahead = {lease: self._ahead.get(lease, now) for lease in ahead}
@@ -175,9 +188,12 @@ class DatabaseLease:
 
 
 class FileLease:
-    """A locked file in a folder beside the SQLite file. The kernel drops the lock however the process dies.
+    """A locked file in a folder beside the SQLite file.
 
-    A stopped process (SIGSTOP) keeps its lock and its jobs: on one machine, whoever stops it can also continue it.
+    The kernel drops the lock however the process dies.
+
+    A stopped process (SIGSTOP) keeps its lock and its jobs: on one machine, whoever stops it can
+    also continue it.
     """
 
     def __init__(self, folder: Path, executor: Executor) -> None:

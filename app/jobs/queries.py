@@ -32,10 +32,12 @@ LONGEST_PUT_OFF = timedelta(minutes=1)  # a clock that was ahead wrote a later t
 class WorkerTimes:
     """All in seconds.
 
-    heartbeat: between two heartbeats, and between two looks for dead workers. lease: a worker that misses heartbeats
-    for so long (three of them) is dead. first_wait: before the first retry after a fault; it grows up to
-    longest_wait. wait_for_room: before the first retry of an estimate that was killed or took too long; it
-    quadruples with each retry. drain: for running jobs to end when the worker stops; later ones are handed back.
+    heartbeat: between two heartbeats, and between two looks for dead workers
+    lease: a worker that misses heartbeats for so long (three of them) is dead
+    first_wait: before the first retry after a fault; it grows up to longest_wait
+    wait_for_room: before the first retry of an estimate that was killed or took too long; it
+        quadruples with each retry
+    drain: for running jobs to end when the worker stops; later ones are handed back
     """
 
     heartbeat: float = 2.0
@@ -104,7 +106,8 @@ def claim_jobs(
 ) -> list[uuid.UUID]:
     """Give waiting jobs of the lowest turns to a worker; skips jobs that another worker is just claiming.
 
-    is_background: claim background jobs instead of ordinary ones. but: jobs that this worker must not claim.
+    is_background: claim background jobs instead of ordinary ones
+    but: jobs that this worker must not claim
     """
     query = sa.select(Job).where(
         _is_waiting(protocol), Job.is_background == is_background, Job.id.not_in(list(but))
@@ -248,8 +251,9 @@ def finish_job(job: Job, now: datetime) -> None:
 def fail_job(job: Job, meal: Meal, failure: Failure, now: datetime) -> None:
     """End a job without a result. Its pair fails, unless the pair's status has changed meanwhile.
 
-    A pair that was measured again keeps its old run, and the remeasurement says why.
-    The caller updates the records of a meal whose after-meal pair or redrawn region it was (EstimateUseCases.settle).
+    A pair that was measured again keeps its old run, and the remeasurement says why. The caller
+    updates the records of a meal whose after-meal pair or redrawn region it was
+    (EstimateUseCases.settle).
     """
     job.state, job.finished_at, job.result_key = "failed", now, None
     if job.purpose in RERUN_OF:

@@ -1,16 +1,19 @@
-"""Queue jobs: rows of our own table, which workers claim (claims.py). Studies that share workers take turns.
+"""Queue jobs: rows of our own table, which workers claim (claims.py).
 
-Start-time fair queueing (Goyal, Vin, Cheng: SIGCOMM 1996) with jobs of equal weight: a job's turn is one more than that
-of its study's previous job, and at least the turn that workers have reached. Workers claim the lowest turn first, and
-the oldest job among equal turns. So a study without a backlog is next, a study that sends without end gets every other
-turn beside another such study, and no study starves. Within a study, jobs run in the order of their arrival.
+Studies that share workers take turns.
 
-Background jobs (remeasurements) are outside of this: they have no turn, and workers claim one only while nothing else
-waits (claims.py).
+Start-time fair queueing (Goyal, Vin, Cheng: SIGCOMM 1996) with jobs of equal weight: a job's turn
+is one more than that of its study's previous job, and at least the turn that workers have reached.
+Workers claim the lowest turn first, and the oldest job among equal turns. So a study without a
+backlog is next, a study that sends without end gets every other turn beside another such study, and
+no study starves. Within a study, jobs run in the order of their arrival.
 
-A sweep finds waiting meals that no job will move, and queues them again or fails them visibly. The meal's status is the
-truth; its job may be missing, taken over too often, or have ended without an answer. Each worker sweeps regularly;
-`tada doctor --requeue` sweeps at once.
+Background jobs (remeasurements) are outside of this: they have no turn, and workers claim one only
+while nothing else waits (claims.py).
+
+A sweep finds waiting meals that no job will move, and queues them again or fails them visibly. The
+meal's status is the truth; its job may be missing, taken over too often, or have ended without an
+answer. Each worker sweeps regularly; `tada doctor --requeue` sweeps at once.
 """
 
 import threading
@@ -38,8 +41,9 @@ JOB_PROTOCOL_VERSION = 1
 class JobQueue:
     """Queues jobs and assigns their turns; one per process.
 
-    The process remembers the turns that it has assigned: concurrent uploads of a study do not see each other's
-    uncommitted rows, and would all get the same turn. Several processes may still assign the same turn once each.
+    The process remembers the turns that it has assigned: concurrent uploads of a study do not see
+    each other's uncommitted rows, and would all get the same turn. Several processes may still
+    assign the same turn once each.
     """
 
     def __init__(self, *, protocol: int | None = None) -> None:
@@ -81,8 +85,8 @@ class JobQueue:
     def enqueue(self, session: Session, job: Job) -> None:
         """Add the job to the session; it runs, at its turn, once the transaction is committed.
 
-        A job that has a turn keeps it; a background job has none. The job also gets the current request's id, which its
-        worker logs.
+        A job that has a turn keeps it; a background job has none. The job also gets the current
+        request's id, which its worker logs.
         """
         if not job.turn and not job.is_background:
             job.study_id = session.get_one(Meal, job.meal_id).study_id

@@ -37,7 +37,10 @@ def settings_environment(settings: Settings) -> dict[str, str]:
 
 
 class WorkerProcess:
-    """`python -m app.worker`, supervised. It dies with this process, even on SIGKILL (process_life.py)."""
+    """`python -m app.worker`, supervised.
+
+    It dies with this process, even on SIGKILL (process_life.py).
+    """
 
     def __init__(
         self,

@@ -18,7 +18,10 @@ MOST_STUDIES = 500
 
 @dataclass(frozen=True, slots=True)
 class FoodPlace:
-    """A version of a food. is_found: a look-up by key returns this one; is_in_force: in a release in force."""
+    """A version of a food.
+
+    is_found: a look-up by key returns this one; is_in_force: in a release in force
+    """
 
     version: FoodVersion
     is_found: bool
@@ -27,7 +30,10 @@ class FoodPlace:
 
 @dataclass(frozen=True, slots=True)
 class StudyUse:
-    """A study that uses the food. of.records: its records, at most COUNTED; is_more: it has more than those."""
+    """A study that uses the food.
+
+    of.records: its records, at most COUNTED; is_more: it has more than those.
+    """
 
     of: StudyRecords
     is_more: bool
@@ -36,7 +42,10 @@ class StudyUse:
 
 @dataclass(frozen=True, slots=True)
 class FoodUses:
-    """Uses of a food. studies: those that the caller may see and that use it; is_cut: not all studies were read."""
+    """Uses of a food.
+
+    studies: those that the caller may see and that use it; is_cut: not all studies were read
+    """
 
     places: Sequence[FoodPlace]
     studies: Sequence[StudyUse]

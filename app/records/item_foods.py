@@ -33,7 +33,10 @@ def item_food(
     event_id: uuid.UUID | None = None,
     recompute_id: uuid.UUID | None = None,
 ) -> ItemFood:
-    """The row of an item that is taken for this food and weighed so. layer, event_id: by whose word."""
+    """The row of an item that is taken for this food and weighed so.
+
+    layer, event_id: by whose word.
+    """
     density = weighing.density
     return ItemFood(
         item_id=item_id,

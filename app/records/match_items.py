@@ -1,13 +1,15 @@
 """Match items of two pairs or two runs: leftovers with what was served, a remeasurement with the meal as it is.
 
-What each piece of the after-meal pair is of which item, as far as the server can tell, is written down when it changes.
-This happens whenever a meal is projected, so it does not matter which pair was measured first, and what people say of
-the items meanwhile (another food, an item added) counts. What people say of the pieces themselves is a layer above
-(records/review/review_meal.py) and taken as given here. A piece that is not clearly of one item stays unmatched.
+What each piece of the after-meal pair is of which item, as far as the server can tell, is written
+down when it changes. This happens whenever a meal is projected, so it does not matter which pair
+was measured first, and what people say of the items meanwhile (another food, an item added) counts.
+What people say of the pieces themselves is a layer above (records/review/review_meal.py) and taken
+as given here. A piece that is not clearly of one item stays unmatched.
 
-An item keeps its identity, and all that people said about it, if the run of a remeasurement outlines the same food:
-items are matched one to one so that their outlines agree best, with an IoU above one half. Items that nobody spoke of
-may go or be added. If a person's statement would lose what it refers to, the old run is kept.
+An item keeps its identity, and all that people said about it, if the run of a remeasurement
+outlines the same food: items are matched one to one so that their outlines agree best, with an IoU
+above one half. Items that nobody spoke of may go or be added. If a person's statement would lose
+what it refers to, the old run is kept.
 """
 
 import uuid
@@ -48,7 +50,10 @@ Answer = tuple[uuid.UUID | None, str, list[str]]  # of which item, class, flags
 
 
 def match_leftovers(session: Session, parts: MealParts, state: MealState) -> bool:
-    """Write the server's own word on each piece where it is not what it was. Returns whether anything was written."""
+    """Write the server's own word on each piece where it is not what it was.
+
+    Returns whether anything was written.
+    """
     served = [each for each in state.items if each.is_live and each.item.origin != "declared"]
     pieces = [each for each in state.leftovers if each.state.is_live]
     if not pieces:

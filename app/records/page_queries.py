@@ -1,14 +1,15 @@
 """Which records are on a page: their keys (captured_at, item id), found in indexes alone, whatever the filters.
 
-The filters are resolved to ids first (study, participant, food). Each combination of ids that an index begins with is a
-branch, in which the index holds the rows in the page's order already; the branches are merged and the merge stops with
-the page. So a page costs the same at the start, in the middle and at the end, and a filter that leaves nothing costs
-nothing. What the rows are joined with is read for the page alone.
+The filters are resolved to ids first (study, participant, food). Each combination of ids that an
+index begins with is a branch, in which the index holds the rows in the page's order already; the
+branches are merged and the merge stops with the page. So a page costs the same at the start, in the
+middle and at the end, and a filter that leaves nothing costs nothing. What the rows are joined with
+is read for the page alone.
 
-Lists of meals read along one index, too; each condition on a meal, its records or its events is looked up at the meals
-found there. So that no planner turns it into a search, columns are compared through coalesce, which no index serves,
-and what is of another table is a scalar subquery, which neither database joins: it is read by the meal's id, as often
-as the page needs.
+Lists of meals read along one index, too; each condition on a meal, its records or its events is
+looked up at the meals found there. So that no planner turns it into a search, columns are compared
+through coalesce, which no index serves, and what is of another table is a scalar subquery, which
+neither database joins: it is read by the meal's id, as often as the page needs.
 """
 
 import itertools
@@ -55,9 +56,9 @@ Branch = tuple[object, ...]  # a value of each key column
 class RecordSearch:
     """A filter whose names are ids: the branches to read, and what each row of them must fulfil besides.
 
-    keys: the columns that a branch has values of. PostgreSQL keeps an index's order in a branch only if the branch has
-    an order and a limit of its own (else it reads all of each and sorts); SQLite merges branches as they are, and would
-    sort each that has a limit.
+    keys: the columns that a branch has values of. PostgreSQL keeps an index's order in a branch
+    only if the branch has an order and a limit of its own (else it reads all of each and sorts);
+    SQLite merges branches as they are, and would sort each that has a limit.
     """
 
     keys: tuple[AnyColumn, ...]
@@ -141,7 +142,8 @@ def studies_of(
 ) -> list[uuid.UUID] | None:
     """The studies that a filter and the caller's own leave; None: all there are.
 
-    A sandbox study counts only if it is named, or the only one of the caller: nobody takes its meals for a study's.
+    A sandbox study counts only if it is named, or the only one of the caller: nobody takes its
+    meals for a study's.
     """
     if study_code is None:
         if study_ids is not None and len(study_ids) == 1:
@@ -199,9 +201,10 @@ def within_days(
 ) -> Conditions:
     """The local days exactly, and bounds of the instant around them, by which an index is entered and left.
 
-    The days stand in a CASE, which PostgreSQL takes for true of every second row. It would otherwise multiply the
-    shares of rows that fulfil the day and the instant, though these are nearly the same ones, expect next to none, and
-    read all rows of the span and sort them, rather than those of the page in the index's order.
+    The days stand in a CASE, which PostgreSQL takes for true of every second row. It would
+    otherwise multiply the shares of rows that fulfil the day and the instant, though these are
+    nearly the same ones, expect next to none, and read all rows of the span and sort them, rather
+    than those of the page in the index's order.
     """
     earliest, latest = CALENDAR
     conditions: list[sa.ColumnElement[bool]] = []
@@ -241,14 +244,18 @@ NO_ID = uuid.UUID(int=0)
 
 
 def holds(record: type[EffectiveRecord]) -> Condition:
-    """The record counts: nobody has rejected it. A literal, as partial indexes have it: planners see no parameters."""
+    """The record counts: nobody has rejected it.
+
+    A literal, as partial indexes have it: planners see no parameters.
+    """
     return record.status != sa.literal_column("'rejected'")
 
 
 def needs_look(record: type[EffectiveRecord]) -> Conditions:
     """A reviewer should look at the item: none has settled it, and it is no text entry that is complete.
 
-    Overview, meals, review queue, exports and API all count by it. Literals, as in the partial indexes.
+    Overview, meals, review queue, exports and API all count by it. Literals, as in the partial
+    indexes.
     """
     is_no_text = record.origin != sa.literal_column("'declared'")
     is_incomplete = record.status == sa.literal_column("'needs_review'")
@@ -343,7 +350,8 @@ def is_list_of_flags(column: AnyColumn, text: str | AnyColumn, *, is_on_sqlite: 
 def lists_of_flags(session: Session, study_id: uuid.UUID, most: int) -> list[str]:
     """The different lists of flags that records of a study have, as text, at most so many.
 
-    Each is found behind the one before it in the index, so the cost is that of the lists, not of the records.
+    Each is found behind the one before it in the index, so the cost is that of the lists, not of
+    the records.
     """
     is_on_sqlite = session.get_bind().dialect.name == "sqlite"
     kind: Any = sa.Text() if is_on_sqlite else postgresql.JSONB()

@@ -1,10 +1,12 @@
 """Effective records: the projection of a meal's runs and events, written in the transaction of what changed them.
 
-One way for all: a run is saved, a person says something, an after-meal pair comes in, tables are put in force. Each
-ends here. Reads use what is stored; `tada records rebuild` compares it with what comes out here.
+One way for all: a run is saved, a person says something, an after-meal pair comes in, tables are
+put in force. Each ends here. Reads use what is stored; `tada records rebuild` compares it with what
+comes out here.
 
-Entries of the index are projected along: there is one while the item's record is confirmed or corrected, a person has
-said or seen what it is, and the run that saw its region as it stands has described it.
+Entries of the index are projected along: there is one while the item's record is confirmed or
+corrected, a person has said or seen what it is, and the run that saw its region as it stands has
+described it.
 """
 
 import uuid
@@ -78,7 +80,10 @@ class ItemProjection:
 
 @dataclass(frozen=True, slots=True)
 class MealProjection:
-    """A meal's items, what was left of them, and the meal's own status. status None: the run decides, or none is."""
+    """A meal's items, what was left of them, and the meal's own status.
+
+    status None: the run decides, or none is.
+    """
 
     parts: MealParts
     items: tuple[ItemProjection, ...]
@@ -308,7 +313,8 @@ def is_provisional(meal: Meal) -> bool:
 def project_meal(session: Session, meal: Meal) -> None:
     """Write the meal's records and status as they follow from all that is in the session by now.
 
-    The meal is locked by the caller. Records that do not change keep their place in the order of changes.
+    The meal is locked by the caller. Records that do not change keep their place in the order of
+    changes.
     """
     session.flush()
     parts = _with_after_pair_settled(session, parts_of(session, [meal])[0])
@@ -442,7 +448,10 @@ def _term(mass: Mass) -> MassDoubt:
 
 
 def _entry(parts: MealParts, state: ItemState, status: str, food: Food | None) -> Columns | None:
-    """The columns of the item's entry in the index, None where it has none. status: its record's."""
+    """The columns of the item's entry in the index, None where it has none.
+
+    status: its record's.
+    """
     item, meal = state.item, parts.meal
     seen = [each for each in parts.identified.get(item.id, ()) if each.run_id == state.run_id]
     is_learned = state.is_live and state.stands and status in LEARNED and state.is_food_confirmed

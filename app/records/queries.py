@@ -1,4 +1,7 @@
-"""SQL of runs, jobs, items and effective records. Records page by the immutable (captured_at, item id)."""
+"""SQL of runs, jobs, items and effective records.
+
+Records page by the immutable (captured_at, item id).
+"""
 
 import uuid
 from collections.abc import Collection, Sequence
@@ -63,7 +66,8 @@ class FoodName(NamedTuple):
 class RecordRow:
     """An effective record with the names that go with it, and its day's.
 
-    received_at: when the first of the meal arrived. first_day: the participant's day 1.
+    received_at: when the first of the meal arrived
+    first_day: the participant's day 1
     """
 
     record: EffectiveRecord
@@ -166,7 +170,8 @@ def records_by_study(
 ) -> list[StudyRecords]:
     """Return the first `studies` of these studies (None: of all) by code, with at most `most` records of these foods.
 
-    Rejected records do not count. Each study is read in the index of a food's records, no further than `most`.
+    Rejected records do not count. Each study is read in the index of a food's records, no further
+    than `most`.
     """
     counted = (
         sa.select(sa.literal(1))

@@ -62,7 +62,10 @@ class ItemView:
 
 @dataclass(frozen=True, slots=True)
 class MealView:
-    """Everything about one meal, detached from its session. after_artefacts: of the after-meal pair's run."""
+    """Everything about one meal, detached from its session.
+
+    after_artefacts: of the after-meal pair's run.
+    """
 
     meal: Meal
     participant_code: str
@@ -83,7 +86,9 @@ class MealView:
 def find_meal(
     session: Session, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
 ) -> tuple[Meal, str, str]:
-    """(meal, participant's code, study's code). Of several of the same id, the one that was here first.
+    """(meal, participant's code, study's code).
+
+    Of several of the same id, the one that was here first.
 
     Raises NotFoundError where the caller may not see it, NotAllowedError for a lower role.
     """
@@ -106,8 +111,8 @@ def lock_meal_of(
 ) -> tuple[Meal, str, str]:
     """Find a meal and lock it until the transaction ends; returns what `find_meal` does.
 
-    The participant is locked before the meal, in the same order as a withdrawal locks them.
-    Raises NotFoundError, NotAllowedError, GoneError (`withdrawn`: the phone's participant left meanwhile).
+    The participant is locked before the meal, in the same order as a withdrawal locks them. Raises
+    NotFoundError, NotAllowedError, GoneError (`withdrawn`: the phone's participant left meanwhile).
     """
     if isinstance(caller, DeviceCaller):
         require_in_study(session, caller.participant_id)

@@ -1,8 +1,8 @@
 """Vectors of the current version for items that have none, and the study's index in line with them.
 
-From the sealed photographs, which only a child of the limited pool decodes. One meal at a time: described outside any
-transaction, written in a short one after a look whether meal and photograph are still there. What is done stays
-done, so that a run that broke off is gone on with by the next.
+From the sealed photographs, which only a child of the limited pool decodes. One meal at a time:
+described outside any transaction, written in a short one after a look whether meal and photograph
+are still there. What is done stays done, so that a run that broke off is gone on with by the next.
 """
 
 import tempfile
@@ -44,8 +44,8 @@ SECONDS = 60.0  # of one photograph and its regions
 class Described:
     """Numbers of regions.
 
-    kept: had a vector; described: have one now, or would get one; gone: their photograph is erased; unreadable: it is
-    damaged, or nothing of the region is in it.
+    kept: had a vector; described: have one now, or would get one; gone: their photograph is erased;
+        unreadable: it is damaged, or nothing of the region is in it
     """
 
     kept: int = 0

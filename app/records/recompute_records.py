@@ -1,10 +1,11 @@
 """Effective records made again: projected anew, or computed by the food tables and densities that are in force now.
 
-To rebuild is to compare what is stored with a fresh projection of runs and events, and to put it right. To recompute is
-to leave volumes, foods and statuses as they are: an item whose food has other figures, another density or another
-edible share by now gets a new row of the food that it is taken for, and its effective record follows; the old rows
-stay. What a person chose stays chosen: the food goes by its key. An item whose food is in no table any more is left as
-it is and counted. Doing it again changes nothing.
+To rebuild is to compare what is stored with a fresh projection of runs and events, and to put it
+right. To recompute is to leave volumes, foods and statuses as they are: an item whose food has
+other figures, another density or another edible share by now gets a new row of the food that it is
+taken for, and its effective record follows; the old rows stay. What a person chose stays chosen:
+the food goes by its key. An item whose food is in no table any more is left as it is and counted.
+Doing it again changes nothing.
 """
 
 import uuid
@@ -75,8 +76,9 @@ def recompute_nutrients(
 ) -> Recomputed:
     """Compare every record with what its food comes to now; with `write`, make new ones of those that differ.
 
-    tell: called with each difference. Raises NotFoundError for an unknown study; ConflictError if somebody else changes
-    the same items at this moment: what was written before stays, and doing it again does the rest.
+    tell: called with each difference. Raises NotFoundError for an unknown study; ConflictError if
+    somebody else changes the same items at this moment: what was written before stays, and doing it
+    again does the rest.
     """
     work = _Recomputation(author, reason, write=write)
     study_id = _study_id(database, study_code)
@@ -199,7 +201,10 @@ class _Recomputation:
 
 
 def _food_assignments(meal: MealProjection) -> list[ItemFood]:
-    """Return the items' food assignments. Items that are no longer foods of the meal are left unchanged."""
+    """Return the items' food assignments.
+
+    Items that are no longer foods of the meal are left unchanged.
+    """
     return [
         item.state.food_assignment
         for item in meal.items

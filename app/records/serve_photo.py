@@ -2,11 +2,11 @@
 
 The picture is upright, its colours corrected by the marker, without metadata.
 
-The correction is that of the newest run of the photograph's pair; without one (not measured yet, marker not found,
-measured before there were corrections) the picture is as it was taken.
+The correction is that of the newest run of the photograph's pair; without one (not measured yet,
+marker not found, measured before there were corrections) the picture is as it was taken.
 
-At the width of a thumbnail it is the one that this run has left, which costs no child a moment; without one, or where
-it is not to be read, it is made like all others.
+At the width of a thumbnail it is the one that this run has left, which costs no child a moment;
+without one, or where it is not to be read, it is made like all others.
 """
 
 import hashlib
@@ -61,8 +61,8 @@ class PhotoDamagedError(TadaError):
 class StoredPhoto:
     """A photograph that the caller may see.
 
-    colour: its correction (estimate_json), None: to be shown as taken. thumbnail: the small picture that is kept of it,
-    in these colours.
+    colour: its correction (estimate_json), None: to be shown as taken
+    thumbnail: the small picture that is kept of it, in these colours
     """
 
     image: MealImage

@@ -1,7 +1,7 @@
 """An index in which meals stand in a page's order, read along: its page, a sample of it, its two ends.
 
-The branches of an index (a study and a status, a food and a study) are merged, as in record_pages; the merge stops with
-the page.
+The branches of an index (a study and a status, a food and a study) are merged, as in record_pages;
+the merge stops with the page.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,8 +23,10 @@ MOST_PLANNED = 8  # PostgreSQL plans each branch by itself; more of them are giv
 class Stream:
     """An index in which meals stand in their order, branch by branch.
 
-    model: Meal or EffectiveRecord. keys: the columns that a branch has values of. part: the condition of a partial
-    index. is_small: no index has the order, and the meals are so few that they are read and sorted.
+    model: Meal or EffectiveRecord
+    keys: the columns that a branch has values of
+    part: the condition of a partial index
+    is_small: no index has the order, and the meals are so few that they are read and sorted
     """
 
     model: type[Meal | EffectiveRecord]
@@ -166,7 +168,8 @@ class MealSearch:
     ) -> sa.FromClause:
         """PostgreSQL: each branch read along its index and no further than `limit`.
 
-        A few branches are planned one by one; more are given as arrays, and one plan is made for all.
+        A few branches are planned one by one; more are given as arrays, and one plan is made for
+        all.
         """
         stream, order = self.stream, self.stream.order(is_newest_first=is_newest_first)
 

@@ -97,7 +97,10 @@ PhotoReader = Callable[[Path], Photo]
 
 @dataclass(frozen=True, slots=True)
 class CalibratedFiles:
-    """document: what the file holds. left_out: names of photographs or pairs that were not used, with reasons."""
+    """document: what the file holds.
+
+    left_out: names of photographs or pairs that were not used, with reasons.
+    """
 
     document: Json
     left_out: tuple[tuple[str, Failure], ...]

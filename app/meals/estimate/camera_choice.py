@@ -30,7 +30,10 @@ ChosenFrom = Literal["meal", "device", "model", "study", "exif"]
 
 @dataclass(frozen=True, slots=True)
 class ChosenCamera:
-    """camera None: from EXIF, or the rig's. calibrations: those that the camera was computed from, or the rig is."""
+    """camera None: from EXIF, or the rig's.
+
+    calibrations: those that the camera was computed from, or the rig is.
+    """
 
     camera: Camera | None
     chosen_from: ChosenFrom
@@ -106,7 +109,10 @@ def choose_rig(
 def stored_rigs(
     session: Session, device_id: uuid.UUID, study_id: uuid.UUID, before: datetime | None = None
 ) -> Iterator[ChosenCamera]:
-    """Yield the rigs that a phone's meals may use: its own, its model's, the study's. before: kept by then."""
+    """Yield the rigs that a phone's meals may use: its own, its model's, the study's.
+
+    before: kept by then.
+    """
     own = calibrations.newest_rig_of_device(session, device_id, before)
     if own is not None:
         yield _chosen_rig(own, "device")

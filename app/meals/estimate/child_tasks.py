@@ -1,4 +1,7 @@
-"""The child processes' tasks by name: everything that decodes uploaded bytes. JSON in, JSON out, files by path."""
+"""The child processes' tasks by name: everything that decodes uploaded bytes.
+
+JSON in, JSON out, files by path.
+"""
 
 from collections.abc import Mapping
 

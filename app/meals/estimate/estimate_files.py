@@ -76,7 +76,10 @@ def estimate_files(
     depth_camera: Path | None = None,
     confidences: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """Run the pipeline on one to eight files; with `debug`, write its pictures there. index: None: the shipped one."""
+    """Run the pipeline on one to eight files; with `debug`, write its pictures there.
+
+    index: None: the shipped one.
+    """
     _require_number(len(photographs), options)
     names = VIEW_SLOTS[: len(photographs)]
     depth_files = _read_depths(
@@ -165,7 +168,10 @@ def _read_depths(
 def _files_by_view(
     option: str, texts: Sequence[str], photographs: Mapping[str, Path]
 ) -> dict[str, Path]:
-    """Files given as VIEW=FILE. VIEW: a photograph's name, or its file's name without the ending."""
+    """Files given as VIEW=FILE.
+
+    VIEW: a photograph's name, or its file's name without the ending.
+    """
     files = {}
     for text in texts:
         view, _, file = text.partition("=")

@@ -88,7 +88,10 @@ def hint_to_json(hint: Hint) -> Json:
 
 
 def hint_from_json(value: Mapping[str, Any]) -> Hint:
-    """The reverse of hint_to_json; an outline may also be one ring. Raises ValueError, TypeError."""
+    """The reverse of hint_to_json; an outline may also be one ring.
+
+    Raises ValueError, TypeError.
+    """
     polygon = value.get("polygon")
     return HINT.validate_python(
         {**value, "polygon": rings_of(polygon) if polygon is not None else None}
@@ -149,7 +152,10 @@ def failure_to_json(failure: Failure) -> Json:
 
 
 def with_forms(options: EstimateOptions, foods: Mapping[str, FormedFood]) -> EstimateOptions:
-    """Options whose hints know how their food usually lies and how its slices are fitted. foods: by key."""
+    """Options whose hints know how their food usually lies and how its slices are fitted.
+
+    foods: by key.
+    """
     return replace(
         options, hints=tuple(_with_form(hint, foods.get(hint.food or "")) for hint in options.hints)
     )

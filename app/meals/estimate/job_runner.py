@@ -90,7 +90,10 @@ class JobRunner:
 
     @contextmanager
     def _running_job(self, job_id: uuid.UUID) -> Iterator[dict[str, object]]:
-        """Count the job as running and bind its id to log lines. Yields the facts that log lines of the job carry."""
+        """Count the job as running and bind its id to log lines.
+
+        Yields the facts that log lines of the job carry.
+        """
         with self._lock:
             self._running[job_id] += 1
             instruments.JOBS_RUNNING.set(len(self._running))
@@ -108,7 +111,10 @@ class JobRunner:
                 instruments.JOBS_RUNNING.set(len(self._running))
 
     def _log_begin(self, job_id: uuid.UUID) -> None:
-        """Log the job's begin. Without a database it is skipped: the next step waits for the database."""
+        """Log the job's begin.
+
+        Without a database it is skipped: the next step waits for the database.
+        """
         try:
             with self._database.read() as session:
                 job = session.get(Job, job_id)

@@ -41,7 +41,10 @@ LEFT_SECONDS = 2.0  # for threads to notice that their child was killed
 
 
 class JobWorker:
-    """Runs one worker: start, then drain and stop. `lost` is set once others have taken its lease."""
+    """Runs one worker: start, then drain and stop.
+
+    `lost` is set once others have taken its lease.
+    """
 
     def __init__(
         self,
@@ -87,14 +90,20 @@ class JobWorker:
         log.info("worker_started", executor_id=self.executor_id)
 
     def drain(self) -> bool:
-        """Stop claiming, give running jobs a while to end, then make them stop. Returns False if some still run."""
+        """Stop claiming, give running jobs a while to end, then make them stop.
+
+        Returns False if some still run.
+        """
         self.claims.stop()
         is_idle = self._runner.wait_until_idle(self._times.drain)
         self._runner.leave()
         return is_idle
 
     def stop(self) -> bool:
-        """End at once and hand running jobs back. Returns False if a thread does not stop its job."""
+        """End at once and hand running jobs back.
+
+        Returns False if a thread does not stop its job.
+        """
         self._runner.leave()
         is_idle = self._runner.wait_until_idle(LEFT_SECONDS)
         self._ending.set()
@@ -152,7 +161,10 @@ class JobWorker:
                 return
 
     def _take_over(self) -> None:
-        """Take over jobs of dead workers. It keeps no state: a restart of the database may lose a takeover."""
+        """Take over jobs of dead workers.
+
+        It keeps no state: a restart of the database may lose a takeover.
+        """
         with self._database.read() as session:
             holders = jobs.executors_with_claims(session) - {self.executor_id}
         dead = self._lease.bury(holders)
@@ -209,8 +221,10 @@ def run_jobs(
 ) -> int:
     """Work until a signal comes. Returns the exit status; must be called in the main thread.
 
-    make_backlog: background jobs for idle cores (claims.py). tasks: the children's registry
-    (child.py). at_start: a context around the start. times, protocol: set by tests.
+    make_backlog: background jobs for idle cores (claims.py)
+    tasks: the children's registry (child.py)
+    at_start: a context around the start
+    times, protocol: set by tests
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -38,7 +38,10 @@ class _PictureRequest(BaseModel):
 
 
 def picture_task(arguments: Arguments, _: StageListener) -> Json:
-    """A photograph as an upright JPEG without metadata. width_px: at most. colour: estimate_json's; None: as taken."""
+    """A photograph as an upright JPEG without metadata.
+
+    width_px: at most. colour: estimate_json's; None: as taken.
+    """
     request = _PictureRequest.model_validate(arguments)
     read = read_reduced_photo(
         request.photo.read_bytes(),
@@ -110,7 +113,11 @@ GREY_RINGS = [[(8.0, 8.0), (56.0, 8.0), (56.0, 56.0), (8.0, 56.0)]]
 
 
 class _RegionRequest(BaseModel):
-    """rings: px. colour: what the run kept of the photograph's; None: it is measured by the marker, if there is one."""
+    """rings: px.
+
+    colour: what the run kept of the photograph's; None: it is measured by the marker, if there is
+    one.
+    """
 
     rings: list[list[tuple[float, float]]]
     colour: Json | None

@@ -116,7 +116,10 @@ def _receive_photo(request: _ReceiveRequest) -> Json | Failure:
 
 
 def _is_only_cut(request: _ReceiveRequest, facts: PhotoFacts, picture: Photo) -> bool:
-    """Whether the file, read again, lacks its location and nothing else. facts, picture: before the cut."""
+    """Whether the file, read again, lacks its location and nothing else.
+
+    facts, picture: before the cut.
+    """
     if inspect_photo(request.file) != facts or remove_location(request.file, facts):
         return False
     cut = _picture(request.file.read_bytes(), request.max_pixels, is_whole=True)

@@ -78,7 +78,10 @@ def read_photographs(
     *,
     is_depth_needed: bool,
 ) -> tuple[list[Photo], tuple[str, ...]] | Failure:
-    """The photographs with their depth maps, and flags for maps that are left out. See run_estimate.py."""
+    """The photographs with their depth maps, and flags for maps that are left out.
+
+    See run_estimate.py.
+    """
     photos: list[Photo] = []
     unused: tuple[str, ...] = ()
     for side, path in photographs.items():
@@ -180,10 +183,12 @@ def run_estimate(
 ) -> tuple[RunAnswer, MealEstimate | None]:
     """Read the photographs and run the pipeline: the answer, and the estimate unless reading failed.
 
-    photographs: by name, left, right, then others. depths: depth maps of some. is_depth_needed:
-    otherwise a map that cannot be used is left out, with the flag depth_ignored: it is one more
-    measurement. index: of foods, whose candidates tell a single view's forms; None: the shipped
-    one. Raises OSError if a file cannot be read.
+    photographs: by name, left, right, then others
+    depths: depth maps of some
+    is_depth_needed: otherwise a map that cannot be used is left out, with the flag depth_ignored:
+        it is one more measurement
+    index: of foods, whose candidates tell a single view's forms; None: the shipped one
+    Raises OSError if a file cannot be read.
     """
     started = time.perf_counter()
     on_stage("read")

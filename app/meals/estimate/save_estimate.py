@@ -70,7 +70,10 @@ def save_served(session: Session, meal: Meal, run_id: uuid.UUID, answers: Number
 
 
 def save_left(session: Session, meal: Meal, run_id: uuid.UUID, answers: Numbered) -> None:
-    """Save items of the after-meal pair. They are matched to the meal's items when the meal is projected."""
+    """Save items of the after-meal pair.
+
+    They are matched to the meal's items when the meal is projected.
+    """
     items = [_item_row(meal.id, run_id, position, answer, "after") for position, answer in answers]
     hints = _hint_of_each(answers, after_hints(meal))
     for item, hint in zip(items, hints, strict=True):
@@ -90,7 +93,10 @@ def _item_row(
     answer: ItemAnswer,
     origin: ItemOrigin = "pipeline",
 ) -> Item:
-    """Return the row of an item of the answer. Its id follows from run and position, so a rebuilt row has the same."""
+    """Return the row of an item of the answer.
+
+    Its id follows from run and position, so a rebuilt row has the same.
+    """
     return Item(
         id=uuid.uuid5(ITEM_NAMESPACE, f"{run_id}/{position}"),
         meal_id=meal_id,
@@ -181,7 +187,10 @@ class Rerun:
 
 
 def judge_rerun(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> Rerun:
-    """Decide whether the meal's records may rest on the answer. The meal is locked by the caller."""
+    """Decide whether the meal's records may rest on the answer.
+
+    The meal is locked by the caller.
+    """
     row = session.scalars(sa.select(RemeasuredPair).where(RemeasuredPair.job_id == job.id)).one()
     parts = parts_of(session, [meal])[0]
     failure = failure_of_after(meal, answer) if row.pair == "after" else answer.failure
@@ -249,7 +258,10 @@ def settle_after(meal: Meal) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Figures:
-    """The compared figures of an item. volume: ml, with its interval; mass_g: of the record, as served."""
+    """The compared figures of an item.
+
+    volume: ml, with its interval; mass_g: of the record, as served
+    """
 
     volume: tuple[float | None, float | None, float | None] = (None, None, None)
     mass_g: float | None = None

@@ -1,7 +1,7 @@
 """Announce a meal's new status to the study's webhooks.
 
-A payload holds ids, a status, a version, a day and codes; never a photograph, food, amount, place or free text. The
-receiver gets those from the API, with its own role and an entry in the audit log.
+A payload holds ids, a status, a version, a day and codes; never a photograph, food, amount, place
+or free text. The receiver gets those from the API, with its own role and an entry in the audit log.
 """
 
 from collections.abc import Mapping

@@ -1,8 +1,9 @@
 """People's events about a meal, its items and a day, append-only: who, when, the old value and the new one.
 
-There are three layers: the pipeline's results ("automatic"), the participant's events, and the reviewer's, which take
-precedence. The current state is a projection (item_state.py, diary/diary.py). An event never changes; an `undo` names
-the event that it undoes. A participant's day is closed or open: a forgotten meal looks like an open day.
+There are three layers: the pipeline's results ("automatic"), the participant's events, and the
+reviewer's, which take precedence. The current state is a projection (item_state.py,
+diary/diary.py). An event never changes; an `undo` names the event that it undoes. A participant's
+day is closed or open: a forgotten meal looks like an open day.
 """
 
 import uuid
@@ -28,9 +29,10 @@ EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 class MealEvent(Base):
     """One event of a meal; sequence: its number within the meal, from 1.
 
-    item_id: the item that it is about; no foreign key, since items refer to the events that made them. old, new: the
-    values before and after, as in the API; new of an undo names the undone event. request_sha256: of the request, so
-    that a repetition is recognised.
+    item_id: the item that it is about; no foreign key, since items refer to the events that made
+        them
+    old, new: the values before and after, as in the API; new of an undo names the undone event
+    request_sha256: of the request, so that a repetition is recognised
     """
 
     __tablename__ = "meal_event"
@@ -71,7 +73,8 @@ DAY_EVENT_KINDS: tuple[DayEventKind, ...] = get_args(DayEventKind)
 class DayEvent(Base):
     """A statement about a local day; append-only, the newest of the highest layer counts.
 
-    closed: everything that was eaten is recorded. ate_nothing: closed, and nothing was eaten. reopened: open again.
+    closed: everything that was eaten is recorded. ate_nothing: closed, and nothing was eaten.
+    reopened: open again.
     """
 
     __tablename__ = "day_event"
@@ -95,7 +98,8 @@ class DayEvent(Base):
 class DiaryDay(Base):
     """The state of a local day, a projection of its events. A day without a row is open.
 
-    id: identifies the day in lists of changes; it reveals nothing, and may be listed after the day is erased.
+    id: identifies the day in lists of changes; it reveals nothing, and may be listed after the day
+    is erased.
     """
 
     __tablename__ = "diary_day"

@@ -1,4 +1,7 @@
-"""The value of an event, as stored in `meal_event.new`: one type per kind. Unknown fields are ignored."""
+"""The value of an event, as stored in `meal_event.new`: one type per kind.
+
+Unknown fields are ignored.
+"""
 
 import uuid
 from typing import Annotated, Literal
@@ -24,7 +27,8 @@ class Region(_Value):
 class AmountValue(_Value):
     """Grams or millilitres; neither if no amount was stated.
 
-    portion_of: key of the food whose household measure was stated: the grams count while the item has this food.
+    portion_of: key of the food whose household measure was stated: the grams count while the item
+    has this food.
     """
 
     mass_g: float | None = None
@@ -35,7 +39,10 @@ class AmountValue(_Value):
 
 
 class SetAmount(AmountValue):
-    """Another amount of an item. That of a form shaped by hand is its volume, which was computed with the event."""
+    """Another amount of an item.
+
+    That of a form shaped by hand is its volume, which was computed with the event.
+    """
 
     kind: Literal["set_volume", "set_mass", "reshape"]
 

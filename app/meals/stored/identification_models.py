@@ -15,9 +15,9 @@ OF_ITS_ITEM = "CASCADE"
 class ItemIdentification(Base):
     """An item's region as one run saw it: its Visual Characterization Metrics, and by which index it was identified.
 
-    Append-only. vector: little-endian float16, of the length of that vcm_version. index_version: names what the
-    candidates of this run follow from; NULL with none_probability (that it is none of the candidates): described only,
-    as by `tada index rebuild`.
+    Append-only. vector: little-endian float16, of the length of that vcm_version. index_version:
+    names what the candidates of this run follow from; NULL with none_probability (that it is none
+    of the candidates): described only, as by `tada index rebuild`.
     """
 
     __tablename__ = "item_identification"
@@ -43,9 +43,9 @@ class ItemIdentification(Base):
 class IndexEntry(Base):
     """A confirmed item in its study's index: what it looks like is in item_identification, under the same run.
 
-    A projection, written with the item's effective record and built again with it: there while the record is confirmed
-    or corrected and a person has named the food. food_key: stays from version to version of the food. day_minute: of
-    the meal, minutes after local midnight.
+    A projection, written with the item's effective record and built again with it: there while the
+    record is confirmed or corrected and a person has named the food. food_key: stays from version
+    to version of the food. day_minute: of the meal, minutes after local midnight.
     """
 
     __tablename__ = "index_entry"

@@ -1,8 +1,8 @@
 """Fold the pipeline's results and people's events into the current state of a meal's items. Pure.
 
-There are three layers: automatic, participant, reviewer. For each property the highest layer with a statement counts,
-and in it the newest statement. An undone event does not count, whatever its layer, nor do events about items that an
-undone event made or that a split or merge has replaced.
+There are three layers: automatic, participant, reviewer. For each property the highest layer with a
+statement counts, and in it the newest statement. An undone event does not count, whatever its
+layer, nor do events about items that an undone event made or that a split or merge has replaced.
 """
 
 import uuid
@@ -55,8 +55,8 @@ FOOD_DOUBTFUL = "food_doubtful"  # the index is sure of another food than the hi
 class SetMass:
     """Grams that a person set. of: "as_seen", with peel, core and bone, or "edible".
 
-    portion_of: key of the food whose household measure was entered: the grams count while the item has this food. None:
-    the grams count whatever the food.
+    portion_of: key of the food whose household measure was entered: the grams count while the item
+    has this food. None: the grams count whatever the food.
     """
 
     mass_g: float
@@ -87,10 +87,13 @@ UNKNOWN_AMOUNT = Amount(None, None, None, {})
 class ItemState:
     """The current state of an item.
 
-    decision: a person's: None, "confirmed", "corrected" or "rejected". reviewed: a reviewer's statement counts.
-    is_food_confirmed: a person named or confirmed the food; is_food_guessed: only the index identified it. flags: of
-    the measurement that counts, and those named above. run_id: the run that saw its current region; None: no run did.
-    measured_ml: by the pipeline, whatever a person has stated; None: not measured.
+    decision: a person's: None, "confirmed", "corrected" or "rejected"
+    reviewed: a reviewer's statement counts
+    is_food_confirmed: a person named or confirmed the food; is_food_guessed: only the index
+        identified it
+    flags: of the measurement that counts, and those named above
+    run_id: the run that saw its current region; None: no run did
+    measured_ml: by the pipeline, whatever a person has stated; None: not measured
     """
 
     item: Item
@@ -132,7 +135,10 @@ class StatedEvent:
 
 @dataclass(frozen=True, slots=True)
 class LeftoverState:
-    """An item of the after-meal pair and the item that it was left of. is_by_person: a person matched them."""
+    """An item of the after-meal pair and the item that it was left of.
+
+    is_by_person: a person matched them.
+    """
 
     state: ItemState
     leftover_class: str
@@ -242,7 +248,10 @@ class _History:
         self.effective = list(self._by_id.values())
 
     def states(self) -> list[ItemState]:
-        """Return the items' states in their order. Items that were declared with a rejected one are rejected too."""
+        """Return the items' states in their order.
+
+        Items that were declared with a rejected one are rejected too.
+        """
         states = {item.id: self._state(item) for item in self._parts.items}
         for item_id, state in states.items():
             parent = states.get(state.item.parent_id) if state.item.parent_id is not None else None
@@ -427,9 +436,9 @@ def _measured(
 ) -> _Measured:
     """Return an item's amount and region. food_key: of its assigned food.
 
-    The newest drawn region counts. Until it is measured, the amount stays as it was; if it cannot be measured, the
-    amount of the old region is dropped and only a stated amount remains. A volume of the pipeline's whose interval says
-    nothing counts only if somebody has confirmed it.
+    The newest drawn region counts. Until it is measured, the amount stays as it was; if it cannot
+    be measured, the amount of the old region is dropped and only a stated amount remains. A volume
+    of the pipeline's whose interval says nothing counts only if somebody has confirmed it.
     """
     about = sorted(
         [*([made_by] if made_by is not None else []), *statements],
@@ -500,7 +509,10 @@ def _part_of(value: Split, item: Item) -> Part:
 
 
 def _stated_amount(stated: StatedEvent, item: Item, food_key: str | None) -> AmountValue | None:
-    """Return the amount that the event states for the item. A household measure counts for its own food only."""
+    """Return the amount that the event states for the item.
+
+    A household measure counts for its own food only.
+    """
     value: EventValue | Part = stated.value
     is_made = item.event_id == stated.event.id
     if isinstance(value, Split) and is_made:

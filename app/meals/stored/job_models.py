@@ -1,7 +1,7 @@
 """The workers' queue: jobs, each one estimate of one meal, and the leases of the workers that run them.
 
-Remeasurements queue jobs too: kept photographs are measured again by today's pipeline, pair by pair, and the old and
-new volumes are kept.
+Remeasurements queue jobs too: kept photographs are measured again by today's pipeline, pair by
+pair, and the old and new volumes are kept.
 """
 
 import uuid
@@ -32,13 +32,18 @@ _HAS_STUDY = sa.text("study_id IS NOT NULL")
 class Job(Base):
     """One estimate of one meal. Its id becomes the run's id.
 
-    purpose: the meal's pair, its after-meal pair, regions that a person redrew (event_id), or a pair of a remeasurement
-    ("rerun", "rerun_after"). turn: studies that share workers take turns (jobs/queue.py); the lowest runs first; 0: not
-    assigned yet. study_id: the meal's study. is_background: it runs while nothing else waits, and without a turn.
-    protocol: the lowest protocol version of a worker that can run it (jobs/queue.py). executor_id: the worker that
-    claimed it, or claimed it last; NULL while it waits. takeovers: how often a worker died with it. result_key: the
-    sealed answer, until it is saved. request_id: of the request that queued it. faulty_since: of a fault that lasts;
-    the job waits, without a worker, until not_before.
+    purpose: the meal's pair, its after-meal pair, regions that a person redrew (event_id), or a
+        pair of a remeasurement ("rerun", "rerun_after")
+    turn: studies that share workers take turns (jobs/queue.py); the lowest runs first; 0: not
+        assigned yet
+    study_id: the meal's study
+    is_background: it runs while nothing else waits, and without a turn
+    protocol: the lowest protocol version of a worker that can run it (jobs/queue.py)
+    executor_id: the worker that claimed it, or claimed it last; NULL while it waits
+    takeovers: how often a worker died with it
+    result_key: the sealed answer, until it is saved
+    request_id: of the request that queued it
+    faulty_since: of a fault that lasts; the job waits, without a worker, until not_before
     """
 
     __tablename__ = "job"
@@ -112,8 +117,10 @@ _IS_OPEN = sa.text("state IN ('pending', 'queued')")
 class Remeasurement(Base):
     """One request to measure meals of a study again. A study has at most one that is running.
 
-    selection: digest of what was asked for (remeasurements/start.py), by which the same request is recognised. author:
-    name of the staff member or of the operator. pipeline_version: of the program that took the request.
+    selection: digest of what was asked for (remeasurements/start.py), by which the same request is
+        recognised
+    author: name of the staff member or of the operator
+    pipeline_version: of the program that took the request
     """
 
     __tablename__ = "remeasurement"
@@ -144,8 +151,10 @@ class Remeasurement(Base):
 class RemeasuredPair(Base):
     """One pair of photographs of a remeasurement: of a meal, or of what was left of it.
 
-    state: pending, queued (job_id: its job), measured (the meal's records rest on the new run), kept (they rest on the
-    old one) or skipped (there is nothing to measure); reason: of the last two. job_id: of the job that made the run.
+    state: pending, queued (job_id: its job), measured (the meal's records rest on the new run),
+        kept (they rest on the old one) or skipped (there is nothing to measure); reason: of the
+        last two
+    job_id: of the job that made the run
     """
 
     __tablename__ = "remeasured_pair"
@@ -182,7 +191,8 @@ class RemeasuredPair(Base):
 class RemeasuredItem(Base):
     """An item of a measured pair before and after: the pipeline's volumes, and the grams of the record, served.
 
-    old_*: NULL if the old run did not see it; new_*: NULL if the new one did not. The grams include what people said.
+    old_*: NULL if the old run did not see it; new_*: NULL if the new one did not. The grams include
+    what people said.
     """
 
     __tablename__ = "remeasured_item"

@@ -43,13 +43,15 @@ class Identified:
 
 @dataclass(slots=True)
 class MealParts:
-    """The parts of one meal. items: of its newest run, of its newest after-meal run, and those that people made.
+    """The parts of one meal.
 
-    runs: those whose items and measurements count, in their order: the newest of each pair, and if that is of a
-    remeasurement, the earlier ones that it measured again.
-    foods, measures, candidates, identified, leftovers: by item, of all runs. food_keys: by id of all rows in foods; a
-    key is the same in all versions of a food. failed_remeasures: events whose regions no run will measure.
-    waits_for_run: the meal's pair will be measured, for the first time or again.
+    items: of its newest run, of its newest after-meal run, and those that people made.
+    runs: those whose items and measurements count, in their order: the newest of each pair, and if
+        that is of a remeasurement, the earlier ones that it measured again
+    foods, measures, candidates, identified, leftovers: by item, of all runs
+    food_keys: by id of all rows in foods; a key is the same in all versions of a food
+    failed_remeasures: events whose regions no run will measure
+    waits_for_run: the meal's pair will be measured, for the first time or again
     """
 
     meal: Meal
@@ -134,7 +136,10 @@ def meals_after(
     lock: bool,
     study_id: uuid.UUID | None = None,
 ) -> list[Meal]:
-    """Return meals ordered by id, after the id `after`. lock: lock them against new events and runs."""
+    """Return meals ordered by id, after the id `after`.
+
+    lock: lock them against new events and runs.
+    """
     query = sa.select(Meal).order_by(Meal.id).limit(limit)
     if lock:
         query = query.with_for_update()
@@ -146,7 +151,10 @@ def meals_after(
 
 
 def _counting(runs: Sequence[Run]) -> Sequence[Run]:
-    """Return a pair's last run of its own job, and the remeasurements after it. runs: of one pair, oldest first."""
+    """Return a pair's last run of its own job, and the remeasurements after it.
+
+    runs: of one pair, oldest first.
+    """
     first = max(
         (place for place, run in enumerate(runs) if run.remeasurement_id is None), default=0
     )
@@ -171,7 +179,10 @@ def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> N
 def _add_items(
     session: Session, parts: Mapping[uuid.UUID, MealParts]
 ) -> dict[uuid.UUID, MealParts]:
-    """Add items to each meal, except those of runs that do not count. Returns item -> its meal's parts."""
+    """Add items to each meal, except those of runs that do not count.
+
+    Returns item -> its meal's parts.
+    """
     by_item = {}
     query = sa.select(Item).where(Item.meal_id.in_(list(parts))).order_by(Item.position, Item.id)
     for item in session.scalars(query):

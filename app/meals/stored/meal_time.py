@@ -1,8 +1,8 @@
 """A meal's time: check the phone's instant and time zone, and derive the local day.
 
-The day is the study's: it begins at the study's day start, so that a snack at half past one belongs to the evening
-before. It follows the wall clock: the same clock time falls on the same day, whether the hour is the first or the
-repeated one of a change from daylight-saving time.
+The day is the study's: it begins at the study's day start, so that a snack at half past one belongs
+to the evening before. It follows the wall clock: the same clock time falls on the same day, whether
+the hour is the first or the repeated one of a change from daylight-saving time.
 """
 
 from dataclasses import dataclass
@@ -57,10 +57,13 @@ def require_zone(time_zone: str) -> ZoneInfo:
 
 
 def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
-    """Check an instant against its zone and the server's clock. Raises InvalidInputError with its code.
+    """Check an instant against its zone and the server's clock.
 
-    An instant more than a day ahead of the server raises ClockDiffersError, so that the phone tries again: the server's
-    clock may be the wrong one, and a meal that is refused for good would be lost.
+    Raises InvalidInputError with its code.
+
+    An instant more than a day ahead of the server raises ClockDiffersError, so that the phone tries
+    again: the server's clock may be the wrong one, and a meal that is refused for good would be
+    lost.
     """
     if captured_at.tzinfo is None:
         raise InvalidInputError(
@@ -95,8 +98,9 @@ def meal_time(captured_at: datetime, time_zone: str, now: datetime) -> MealTime:
 def local_day(instant: datetime, time_zone: str, day_starts_minutes: int) -> date:
     """Return the day of an aware instant in a zone, where days begin so many minutes (0 to 1439) after midnight.
 
-    Before that wall-clock time it is the previous day that existed: a zone that crosses the date line skips one (Apia
-    went from 29 to 31 December 2011). Raises ValueError for a day start outside 0 to 1439.
+    Before that wall-clock time it is the previous day that existed: a zone that crosses the date
+    line skips one (Apia went from 29 to 31 December 2011). Raises ValueError for a day start
+    outside 0 to 1439.
     """
     if not 0 <= day_starts_minutes < 24 * 60:
         raise ValueError(f"a day starts 0 to 1439 minutes after midnight, not {day_starts_minutes}")

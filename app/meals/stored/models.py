@@ -62,7 +62,10 @@ HintDetails = TypedDict(
 
 
 class AsideDetails(TypedDict, total=False):
-    """Metadata fields that this version does not know. ignored: their places; unknown: the fields, as JSON text."""
+    """Metadata fields that this version does not know.
+
+    ignored: their places; unknown: the fields, as JSON text
+    """
 
     ignored: list[str]
     unknown: str
@@ -77,7 +80,10 @@ class PosesDetails(TypedDict):
 
 
 class PairDetails(AsideDetails):
-    """The metadata of a pair of photographs as accepted. complete: the hints are all that there is."""
+    """The metadata of a pair of photographs as accepted.
+
+    complete: the hints are all that there is.
+    """
 
     captured_at: str
     time_zone: str
@@ -102,10 +108,13 @@ class DepthCameraDetails(PinholeDetails):
 
 
 class MealDetails(PairDetails):
-    """The metadata of a meal as accepted. declared: the foods of a meal without photographs. views: if not 2.
+    """The metadata of a meal as accepted.
 
-    rig: if it was sent. wanted_outcome: how its estimate is to end, if asked for. depth_camera,
-    depth_maps: of a meal with depth maps; their slots.
+    declared: the foods of a meal without photographs
+    views: if not 2
+    rig: if it was sent
+    wanted_outcome: how its estimate is to end, if asked for
+    depth_camera, depth_maps: of a meal with depth maps; their slots
     """
 
     marker: str | None
@@ -122,11 +131,14 @@ class MealDetails(PairDetails):
 class Meal(Base):
     """One eating occasion. Its status decides what happens next; `version` grows with every change.
 
-    client_id: the UUID that the phone made, unique for the participant; id is internal and never leaves the server.
-    captured_at: the instant; local_date: the day in time_zone. alias: its name in the audit log. origin "declared":
-    entered without photographs. after_*: the state of its after-meal pair, which never changes the meal's own status.
-    after_due_at: until then its records are provisional; NULL: no pair is expected. leftovers: the pieces of the
-    after-meal pair as the API shows them, a projection like the records.
+    client_id: the UUID that the phone made, unique for the participant; id is internal and never
+        leaves the server
+    captured_at: the instant; local_date: the day in time_zone
+    alias: its name in the audit log. origin "declared": entered without photographs. after_*: the
+        state of its after-meal pair, which never changes the meal's own status.
+    after_due_at: until then its records are provisional; NULL: no pair is expected
+    leftovers: the pieces of the after-meal pair as the API shows them, a projection like the
+        records
     """
 
     __tablename__ = "meal"
@@ -264,12 +276,11 @@ REENCODED = "reencoded"  # a photograph's flag
 class MealImage(Base):
     """One photograph, map or voice note, which has a width and height of 0.
 
-    received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location.
-
-    decoding_pixels: of a baseline JPEG that takes as long to decode; None: of a map or a voice note.
+    received_sha256: as the phone sent it; stored_sha256: as sealed, perhaps without location
+    decoding_pixels: of a baseline JPEG that takes as long to decode; None: of a map or a voice
+    note.
 
     is_reencoded: its location could only be cut by writing its picture anew.
-
     erased_at: when retention or a withdrawal erased it; its blob is deleted or about to be.
     """
 

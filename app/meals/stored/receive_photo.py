@@ -1,7 +1,8 @@
 """Turn received files into sealed photographs: inspect, cut locations, decode once, put into the blob store.
 
-This process never looks into the bytes. A child does, in one go (estimate/receive_task.py), before the photograph is
-acknowledged, since the phone then deletes its own copy. What it learns is stored with the photograph.
+This process never looks into the bytes. A child does, in one go (estimate/receive_task.py), before
+the photograph is acknowledged, since the phone then deletes its own copy. What it learns is stored
+with the photograph.
 """
 
 import errno
@@ -44,11 +45,13 @@ RETRY_SECONDS = 1
 
 @dataclass(frozen=True, slots=True)
 class SealablePhoto:
-    """An inspected photograph in the staging folder. width_px, height_px: of the upright picture; 0: a voice note.
+    """An inspected photograph in the staging folder.
 
-    path: None if it is stored already, and was not looked at again. decoding_pixels: of a baseline JPEG that takes as
-    long to decode; None: a map or a voice note. is_reencoded: cutting its location took writing its picture anew.
-    location: from its tags before they were cut, if the study's policy uses it.
+    width_px, height_px: of the upright picture; 0: a voice note.
+    path: None if it is stored already, and was not looked at again
+    decoding_pixels: of a baseline JPEG that takes as long to decode; None: a map or a voice note
+    is_reencoded: cutting its location took writing its picture anew
+    location: from its tags before they were cut, if the study's policy uses it
     """
 
     path: Path | None
@@ -84,10 +87,11 @@ class PhotoIntake:
     ) -> dict[str, SealablePhoto]:
         """Have a child inspect and decode the received files, by slot, and cut their location by the study's policy.
 
-        stored: the meal's photographs; the same bytes again are not looked at. depth_camera: of depth maps.
+        stored: the meal's photographs; the same bytes again are not looked at
+        depth_camera: of depth maps
 
-        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError, each with the slot;
-        UnavailableError (`server_busy`: no child was free in time).
+        Raises InvalidInputError, TooLargeError, UnsupportedMediaError, PhotographError, each with
+        the slot; UnavailableError (`server_busy`: no child was free in time).
         """
         prepared = {}
         for slot, file in files.items():
@@ -197,7 +201,10 @@ def sha256_of_file(path: Path) -> str:
 
 
 def unspent_keys(session: Session, keys: Mapping[str, str]) -> dict[str, str]:
-    """Return the keys to seal under, by slot. A key that a deleted orphan of the same bytes used is replaced."""
+    """Return the keys to seal under, by slot.
+
+    A key that a deleted orphan of the same bytes used is replaced.
+    """
     spent = spent_keys.spent_among(session, keys.values())
     return {slot: _fresh_key(key) if key in spent else key for slot, key in keys.items()}
 

@@ -34,7 +34,11 @@ HintedLeftover = TypedDict(
 
 
 class TraitDetails(TypedDict, total=False):
-    """What leftovers are matched by. centre_mm, radius_mm: in the table frame. told: by the phone's hint."""
+    """What leftovers are matched by.
+
+    centre_mm, radius_mm: in the table frame
+    told: by the phone's hint
+    """
 
     centre_mm: list[float] | None
     radius_mm: float | None
@@ -43,7 +47,10 @@ class TraitDetails(TypedDict, total=False):
 
 
 class ColourDetails(TypedDict):
-    """A photograph's colour correction by the marker. matrix: as in vision/model.py, ColourCorrection."""
+    """A photograph's colour correction by the marker.
+
+    matrix: as in vision/model.py, ColourCorrection.
+    """
 
     kind: str
     matrix: list[list[float]]
@@ -64,8 +71,9 @@ class MassDoubt(TypedDict):
 class RecordDetails(TypedDict):
     """What readers of the meal need beside a record's columns.
 
-    rings: the item's current region; None: the item's own. served, left: the terms of the meal's totals; left: one per
-    leftover. open_probes: unanswered probes of its food.
+    rings: the item's current region; None: the item's own
+    served, left: the terms of the meal's totals; left: one per leftover
+    open_probes: unanswered probes of its food
     """
 
     rings: list[Ring] | None
@@ -75,10 +83,13 @@ class RecordDetails(TypedDict):
 
 
 class Run(Base):
-    """One execution of the pipeline on a meal, never updated. id: the job's; purpose: the job's, with one exception.
+    """One execution of the pipeline on a meal, never updated.
 
-    Only a run with the purpose "meal" creates the meal's items; the newest one counts. A run of a remeasurement becomes
-    "meal" or "after" if the meal's records rest on it; otherwise it keeps the purpose "rerun" or "rerun_after".
+    id: the job's; purpose: the job's, with one exception
+
+    Only a run with the purpose "meal" creates the meal's items; the newest one counts. A run of a
+    remeasurement becomes "meal" or "after" if the meal's records rest on it; otherwise it keeps the
+    purpose "rerun" or "rerun_after".
     """
 
     __tablename__ = "run"
@@ -132,10 +143,12 @@ class RunArtefact(Base):
 class Item(Base):
     """One food of a meal, found by a run or entered by a person: its outline and its volume with the uncertainty.
 
-    origin: "pipeline", found in the meal's pair; "after", found in the after-meal pair (food left, or refuse);
-    "declared", entered without photographs; "added", seen by a person but not by the pipeline; "split" and "merged",
-    made from other items by event_id. Without a volume (flag "not_measurable", or a person entered grams) the interval
-    is NULL and relative_sd empty. parent_id: the item that it was split from, or whose probe a declared item answers.
+    origin: "pipeline", found in the meal's pair; "after", found in the after-meal pair (food left,
+        or refuse); "declared", entered without photographs; "added", seen by a person but not by
+        the pipeline; "split" and "merged", made from other items by event_id. Without a volume
+        (flag "not_measurable", or a person entered grams) the interval is NULL and relative_sd
+        empty.
+    parent_id: the item that it was split from, or whose probe a declared item answers
     """
 
     __tablename__ = "item"
@@ -172,8 +185,9 @@ class Item(Base):
 class ItemMeasure(Base):
     """An item measured again: in a region that a person drew (event_id), or by a remeasurement (event_id NULL).
 
-    Append-only. That of the newest effective event counts, else that of the newest remeasurement, else the item's own.
-    If the run could not measure it, the volume is NULL and flags say why; "replaced": the new run has other items.
+    Append-only. That of the newest effective event counts, else that of the newest remeasurement,
+    else the item's own. If the run could not measure it, the volume is NULL and flags say why;
+    "replaced": the new run has other items.
     """
 
     __tablename__ = "item_measure"
@@ -195,8 +209,8 @@ class ItemMeasure(Base):
 class Leftover(Base):
     """The class of an item of the after-meal pair: food left of an item, refuse of it, or unmatched.
 
-    Append-only: the highest version of the highest layer counts. event_id: the event that set it; NULL: the server
-    matched it.
+    Append-only: the highest version of the highest layer counts. event_id: the event that set it;
+    NULL: the server matched it.
     """
 
     __tablename__ = "leftover"
@@ -223,8 +237,9 @@ class Leftover(Base):
 class ItemCandidate(Base):
     """A food that an item may be, by the phone's "hint", the "index" or a "model", best first within a source and run.
 
-    Append-only: if a later run identifies the item again, its candidates get the next positions and replace the earlier
-    ones. run_id: NULL for the run that found the item. probability: NULL for a hint.
+    Append-only: if a later run identifies the item again, its candidates get the next positions and
+    replace the earlier ones. run_id: NULL for the run that found the item. probability: NULL for a
+    hint.
     """
 
     __tablename__ = "item_candidate"
@@ -241,9 +256,9 @@ class ItemCandidate(Base):
 class ItemFood(Base):
     """The food assigned to an item, with the density that turns its volume into grams; append-only.
 
-    The highest version of the highest layer counts, unless its event was undone. Density and edible share are copied
-    when they are chosen, so that a record can always be rebuilt. If the food table has no density, its columns are
-    NULL. recompute_id: the recomputation that wrote it.
+    The highest version of the highest layer counts, unless its event was undone. Density and edible
+    share are copied when they are chosen, so that a record can always be rebuilt. If the food table
+    has no density, its columns are NULL. recompute_id: the recomputation that wrote it.
     """
 
     __tablename__ = "item_food"
@@ -294,16 +309,23 @@ for _headline in HEADLINES:
 
 
 class EffectiveRecord(HeadlineAmounts, Base):
-    """The current state of an item: food, grams, headline components. Can be rebuilt from runs and events.
+    """The current state of an item: food, grams, headline components.
 
-    mass_g, edible_g: as served. left_g: edible grams left over; NULL: nobody has checked for leftovers. consumed_g:
-    edible less left, times the participant's share of the dish; signed, since clipping would bias means. The components
-    are those of consumed_g. A component that the food table lacks is NULL, never 0; so is everything that follows from
-    an unknown amount, and every amount of a rejected item. density_g_per_ml: the density used; NULL if a person set the
-    grams. provisional: an after-meal pair may still come. doubt: the review queue's order, greatest first. Columns that
-    filters use are copied from the meal, where they never change. food_version: of the row of item_food that counts.
-    run_id: of the run that saw the current region (no foreign key: only erasures would use its index, and they delete
-    the record first).
+    Can be rebuilt from runs and events.
+
+    mass_g, edible_g: as served
+    left_g: edible grams left over; NULL: nobody has checked for leftovers
+    consumed_g: edible less left, times the participant's share of the dish; signed, since clipping
+        would bias means. The components are those of consumed_g. A component that the food table
+        lacks is NULL, never 0; so is everything that follows from an unknown amount, and every
+        amount of a rejected item.
+    density_g_per_ml: the density used; NULL if a person set the grams
+    provisional: an after-meal pair may still come
+    doubt: the review queue's order, greatest first. Columns that filters use are copied from the
+        meal, where they never change.
+    food_version: of the row of item_food that counts
+    run_id: of the run that saw the current region (no foreign key: only erasures would use its
+        index, and they delete the record first)
     """
 
     __tablename__ = "effective_record"

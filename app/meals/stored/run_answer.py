@@ -1,6 +1,7 @@
 """The answer of a run of the pipeline: the child's JSON, sealed in the blob store as result.json.
 
-Fields that are not set are not written, so that an item which was not identified has no `index_version`.
+Fields that are not set are not written, so that an item which was not identified has no
+`index_version`.
 """
 
 import uuid
@@ -39,8 +40,8 @@ class CandidateAnswer(_Answer):
 class ItemAnswer(_Answer):
     """One food. polygon: a ring, or several. hint: position of the hint that it answers.
 
-    candidates, none_probability, index_version: by the index; index_version None: not identified. model_candidates: by
-    an operator's network.
+    candidates, none_probability, index_version: by the index; index_version None: not identified
+    model_candidates: by an operator's network
     """
 
     polygon: Polygon
@@ -80,8 +81,9 @@ class ArtefactAnswer(_Answer):
 
 
 class RunAnswer(_Answer):
-    """marker: None for a rig. second: slot of the photograph that camera_right is of, and `colour` beside the left one.
+    """marker: None for a rig.
 
+    second: slot of the photograph that camera_right is of, and `colour` beside the left one.
     regions: for a run on regions that people drew, the item of each hint.
     """
 

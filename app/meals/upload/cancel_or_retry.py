@@ -129,7 +129,10 @@ def retry_meal(
 def retry_locked_meal(
     session: Session, queue: JobQueue, meal: Meal, caller: Caller | None, *, code: str | None = None
 ) -> list[PairPurpose]:
-    """Return the purposes of the queued jobs. caller None: an operator. code: retry only failures with this code.
+    """Return the purposes of the queued jobs.
+
+    caller None: an operator
+    code: retry only failures with this code
 
     Raises ConflictError, GoneError.
     """

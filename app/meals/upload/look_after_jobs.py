@@ -34,8 +34,9 @@ _PAIRS = (
 class JobRow:
     """A live job or a failed pair, as `tada jobs list` prints it. meal: the id that its phone made.
 
-    code: the failure's. since: when it was queued, or for a failure, ended. worker, attempts: of
-    the pair's last job.
+    code: the failure's
+    since: when it was queued, or for a failure, ended
+    worker, attempts: of the pair's last job
     """
 
     study: str
@@ -161,7 +162,10 @@ BATCH = 100  # ids read at once; each meal has its own transaction
 
 @dataclass(slots=True)
 class Retried:
-    """queued: number of meals. left: code -> number of meals that could not be queued (erased, or already retried)."""
+    """queued: number of meals.
+
+    left: code -> number of meals that could not be queued (erased, or already retried).
+    """
 
     queued: int = 0
     left: Counter[str] = field(default_factory=Counter)

@@ -167,7 +167,8 @@ def require_scale(
 ) -> None:
     """Raise InvalidInputError (`marker_missing`) if nothing gives the scale.
 
-    A marker, a rig or the depth map of the left photograph do; of a pair, its poses or a stored rig.
+    A marker, a rig or the depth map of the left photograph do; of a pair, its poses or a stored
+    rig.
     """
     has_scale = (
         "left_depth" in details.get("depth_maps", ())

@@ -55,7 +55,10 @@ class PartialUploads:
         self.remove_expired()
 
     def create(self, key: UploadKey, length: int) -> UploadState:
-        """Begin an upload, or begin it anew. Raises ConflictError (`uploads_too_many`), UnavailableError."""
+        """Begin an upload, or begin it anew.
+
+        Raises ConflictError (`uploads_too_many`), UnavailableError.
+        """
         self.remove_expired()
         folder = self._folder / key.participant.hex
         folder.mkdir(exist_ok=True)
@@ -156,7 +159,10 @@ class OpenUpload:
         return UploadState(offset + len(pending), self._state.length)
 
     def photograph(self, staging: Path) -> ReceivedFile:
-        """Copy the whole photograph to the staging folder, from where its submission may move it. Blocks."""
+        """Copy the whole photograph to the staging folder, from where its submission may move it.
+
+        Blocks.
+        """
         digest = hashlib.sha256()
         handle, name = tempfile.mkstemp(dir=staging)
         path = Path(name)

@@ -68,7 +68,10 @@ def has_after_pair() -> sa.ColumnElement[bool]:
 
 
 def plan(session: Session, study_id: uuid.UUID, selection: Selection) -> list[PlannedPair]:
-    """Return the pairs that a remeasurement would take, in its order. Raises NotFoundError as chosen_meals."""
+    """Return the pairs that a remeasurement would take, in its order.
+
+    Raises NotFoundError as chosen_meals.
+    """
     chosen = chosen_meals(session, study_id, selection)
     query = (
         sa.select(Meal, Participant, has_after_pair())

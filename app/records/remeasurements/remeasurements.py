@@ -1,7 +1,8 @@
 """Remeasurements: started, stopped and continued by an owner of the study or an operator; read by whoever may read it.
 
-A study has at most one that is running. The same request again is the same remeasurement: it is continued if it was
-stopped. Runs saved before stay saved; a stop gives the pairs in progress back, to be measured after all.
+A study has at most one that is running. The same request again is the same remeasurement: it is
+continued if it was stopped. Runs saved before stay saved; a stop gives the pairs in progress back,
+to be measured after all.
 """
 
 import uuid
@@ -78,7 +79,9 @@ def count_plan(pairs: Sequence[PlannedPair]) -> RemeasurementPlanOut:
 def start_remeasurement(
     database: Database, requester: Requester, study_code: str, selection: Selection
 ) -> tuple[RemeasurementOut, bool]:
-    """Start a remeasurement, or continue the unfinished one of the same selection. Returns whether it is a new one.
+    """Start a remeasurement, or continue the unfinished one of the same selection.
+
+    Returns whether it is a new one.
 
     Raises NotFoundError, ConflictError (`remeasurement_running`: another one of the study).
     """
@@ -134,7 +137,8 @@ def continue_remeasurement(
 ) -> RemeasurementOut:
     """Continue a stopped remeasurement; repeated, it changes nothing.
 
-    Raises NotFoundError, ConflictError (`remeasurement_done`, `remeasurement_running`: another one of the study).
+    Raises NotFoundError, ConflictError (`remeasurement_done`, `remeasurement_running`: another one
+    of the study).
     """
     with database.write() as session:
         remeasurement = _find(session, requester, study_code, remeasurement_id, lock=True)
@@ -157,7 +161,10 @@ def read_remeasurement(
 def list_remeasurements(
     database: Database, requester: Requester, study_code: str, *, cursor: str | None, limit: int
 ) -> Page[RemeasurementOut]:
-    """Return a study's remeasurements, the newest first. Raises NotFoundError, InvalidInputError."""
+    """Return a study's remeasurements, the newest first.
+
+    Raises NotFoundError, InvalidInputError.
+    """
     listed = f"remeasurements of {study_code}"
     after = decode_cursor(listed, cursor, INSTANT, ID)
     with database.read() as session:
@@ -178,7 +185,10 @@ def list_compared(
     cursor: str | None,
     limit: int,
 ) -> Page[ComparedItemOut]:
-    """Return rows of the table of old and new volumes, by meal. Raises NotFoundError, InvalidInputError."""
+    """Return rows of the table of old and new volumes, by meal.
+
+    Raises NotFoundError, InvalidInputError.
+    """
     listed = f"items of remeasurement {remeasurement_id}"
     after = decode_cursor(listed, cursor, WHOLE_NUMBER, TEXT, ID)
     with database.read() as session:

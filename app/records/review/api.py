@@ -1,7 +1,7 @@
 """/v1/meals/{meal_id}/events, /v1/studies/{study}/review-queue and /v1/me/questions.
 
-Events of the participant and reviewers about a meal, and their history; what reviewers look at first; what they want
-to know of the participant.
+Events of the participant and reviewers about a meal, and their history; what reviewers look at
+first; what they want to know of the participant.
 """
 
 from typing import Annotated, Any, Literal

@@ -1,8 +1,9 @@
 """Append events of participants and reviewers to a meal's history: one path for all kinds.
 
-An event is checked against the current meal, stored with its old and new values, noted in the audit log, and the
-meal's records are projected again, in one transaction under the meal's lock. What each kind may change is its rule
-(review_item.py, review_meal.py); this module checks what holds for all: who may send it, of which version, and once.
+An event is checked against the current meal, stored with its old and new values, noted in the audit
+log, and the meal's records are projected again, in one transaction under the meal's lock. What each
+kind may change is its rule (review_item.py, review_meal.py); this module checks what holds for all:
+who may send it, of which version, and once.
 """
 
 import hashlib
@@ -73,7 +74,10 @@ ONLY_LAYER = {
 
 
 def apply_event(context: ReviewContext, event: AnyEventIn) -> Change:  # noqa: C901, PLR0912  # one case per kind
-    """Apply the rule of the event's kind. Raises a TadaError if the meal does not allow the event."""
+    """Apply the rule of the event's kind.
+
+    Raises a TadaError if the meal does not allow the event.
+    """
     match event:
         case ConfirmIn():
             return review_item.confirm(context, event)
@@ -133,9 +137,9 @@ class MealEvents:
     ) -> tuple[MealView, bool]:
         """Append the event; return the meal and whether the event is new: a repeat changes nothing.
 
-        expected: versions of the meal that the caller may have read; None: any version.
-        Raises NotFoundError, NotAllowedError, ConflictError, InvalidInputError, PreconditionFailedError, GoneError
-        (`withdrawn`: the phone's participant left meanwhile).
+        expected: versions of the meal that the caller may have read; None: any version. Raises
+        NotFoundError, NotAllowedError, ConflictError, InvalidInputError, PreconditionFailedError,
+        GoneError (`withdrawn`: the phone's participant left meanwhile).
         """
         try:
             return self._append(caller, client_id, event, expected, participant_code)
@@ -277,7 +281,8 @@ def _require_same(stored: MealEvent, meal: Meal, caller: Caller, event: AnyEvent
 def content_sha256(event: AnyEventIn) -> str:
     """Return the digest of an event's content, without its id.
 
-    It is stored: computed in another way, it would refuse repeats of events that were sent before an upgrade.
+    It is stored: computed in another way, it would refuse repeats of events that were sent before
+    an upgrade.
     """
     item = item_of(event)
     fields: dict[str, object] = event.model_dump(

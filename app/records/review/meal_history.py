@@ -37,7 +37,10 @@ def read_history(
     cursor: str | None,
     limit: int,
 ) -> Page[HistoryRow]:
-    """Return a page of the meal's events, oldest first. Raises NotFoundError, ConflictError, InvalidInputError."""
+    """Return a page of the meal's events, oldest first.
+
+    Raises NotFoundError, ConflictError, InvalidInputError.
+    """
     with database.read() as session:
         meal, code, _ = find_meal(session, caller, client_id, participant_code)
         listed = f"events/{meal.id}"
@@ -60,8 +63,11 @@ def read_history(
 class MealStory:
     """view: as returned by `read_meal`. All lists start with the oldest.
 
-    events: including undone ones. runs: of every purpose. jobs: a run has its job's id; a job without a run is waiting
-    or has failed. recomputes: those that changed the meal's foods. device: the phone that sent the meal.
+    events: including undone ones
+    runs: of every purpose
+    jobs: a run has its job's id; a job without a run is waiting or has failed
+    recomputes: those that changed the meal's foods
+    device: the phone that sent the meal
     """
 
     view: MealView

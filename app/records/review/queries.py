@@ -186,8 +186,8 @@ def queue_keys(
 def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElement[bool], ...]]:
     """What to read, each from an index in the queue's order; nothing where the filter names what is not there.
 
-    A person has some thousand records, and an after-meal pair is waited for at few meals: there the other filters are
-    compared row by row.
+    A person has some thousand records, and an after-meal pair is waited for at few meals: there the
+    other filters are compared row by row.
     """
     record = EffectiveRecord
     statuses = QUEUED_STATUSES if chosen.status is None else (chosen.status,)

@@ -1,7 +1,8 @@
 """Measure regions that a person drew: the hints of an event's job for the pipeline, and how its answer is stored.
 
-The pipeline gets all current foods of the meal, so that neighbours keep their own pixels; only the regions that the
-event drew are measured. Amounts that a person stated since, and the meal's own run, do not change.
+The pipeline gets all current foods of the meal, so that neighbours keep their own pixels; only the
+regions that the event drew are measured. Amounts that a person stated since, and the meal's own
+run, do not change.
 """
 
 import uuid
@@ -75,7 +76,8 @@ def regions_to_measure(session: Session, job: Job, meal: Meal) -> Regions:
 def save_measures(session: Session, job: Job, meal: Meal, answer: RunAnswer) -> None:
     """Store the measurements of the regions that the job's event drew; an item that was not found is flagged.
 
-    An item without a stated food is assigned to the one that the index identifies in its new region, if it is sure.
+    An item without a stated food is assigned to the one that the index identifies in its new
+    region, if it is sure.
     """
     stated = read_event(session.get_one(MealEvent, job.event_id))
     measured = {

@@ -1,8 +1,8 @@
 """What the rules of all kinds of events share: the meal before the event, the change that a rule returns, its rows.
 
-Amounts that people state are grams, millilitres or household measures, each with its uncertainty. The relative standard
-deviations apply where the sender states none. A kitchen scale is better, memory is worse; an app that knows sends its
-own.
+Amounts that people state are grams, millilitres or household measures, each with its uncertainty.
+The relative standard deviations apply where the sender states none. A kitchen scale is better,
+memory is worse; an app that knows sends its own.
 """
 
 import uuid
@@ -37,7 +37,8 @@ DECLARED_SD = 0.25  # stated from memory
 class StatedAmount(TypedDict, total=False):
     """An amount as an event stores it: mass_g and of, or volume_ml, with relative_sd; empty: none was stated.
 
-    portion_of: key of the food whose household measure was stated; the grams hold for no other food.
+    portion_of: key of the food whose household measure was stated; the grams hold for no other
+    food.
     """
 
     mass_g: float
@@ -52,7 +53,9 @@ class StatedAmount(TypedDict, total=False):
 def stated_amount(
     session: Session, amount: AmountIn | None, food: Food | None, default_sd: float
 ) -> StatedAmount:
-    """Convert an amount of the API to its stored form. food: the food whose household measures apply.
+    """Convert an amount of the API to its stored form.
+
+    food: the food whose household measures apply.
 
     Raises InvalidInputError (`portion_unknown`) if the food has no household measure of that name.
     """
@@ -107,7 +110,8 @@ class ReviewContext:
     def item(self, item_id: uuid.UUID) -> ItemState:
         """Return an item that can still be reviewed.
 
-        Raises NotFoundError if the meal has no such item, ConflictError if it was replaced or undone.
+        Raises NotFoundError if the meal has no such item, ConflictError if it was replaced or
+        undone.
         """
         for state in self.state.items:
             if state.item.id == item_id:
@@ -202,7 +206,10 @@ def drawn_rings(region: RegionIn | PartIn) -> list[Ring]:
 
 
 def named_food(session: Session, key: str) -> Food:
-    """Return the food with this key in the tables in force. Raises InvalidInputError (`food_unknown`)."""
+    """Return the food with this key in the tables in force.
+
+    Raises InvalidInputError (`food_unknown`).
+    """
     food = foods.foods_by_key(session, {key}).get(key)
     if food is None:
         raise InvalidInputError(
@@ -225,7 +232,10 @@ def assign_food(
     lies_as: str | None,
     earlier: Sequence[ItemFood] = (),
 ) -> ItemFood:
-    """Return the row that assigns an item to a food, with current densities. earlier: the item's rows so far."""
+    """Return the row that assigns an item to a food, with current densities.
+
+    earlier: the item's rows so far.
+    """
     return item_food(
         item_id,
         food.id,
@@ -254,7 +264,10 @@ def copy_food(
 
 
 def remeasure_job(context: ReviewContext) -> Job:
-    """Return the job that measures the event's regions. Raises ConflictError if a photograph is missing."""
+    """Return the job that measures the event's regions.
+
+    Raises ConflictError if a photograph is missing.
+    """
     images = {image.slot: image for image in meals.images_of(context.session, context.meal.id)}
     if any(
         slot not in images or images[slot].erased_at is not None

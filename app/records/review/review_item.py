@@ -1,8 +1,9 @@
 """Rules of events about one item: confirm, reject, its food, amount, share and outline, answers to its food's probes.
 
-Each rule checks the event against the current item and returns the old and new values with the rows that follow. A
-probe asks for something beside or in a food: fat, sugar, dressing, milk, salt. `drained` asks what the food is: it
-creates no item, but may name the food that it is then (the same in syrup, or drained).
+Each rule checks the event against the current item and returns the old and new values with the rows
+that follow. A probe asks for something beside or in a food: fat, sugar, dressing, milk, salt.
+`drained` asks what the food is: it creates no item, but may name the food that it is then (the same
+in syrup, or drained).
 """
 
 from app.core.errors import ConflictError, InvalidInputError
@@ -52,7 +53,10 @@ def confirm(context: ReviewContext, event: ConfirmIn) -> Change:
 
 
 def reject(context: ReviewContext, event: RejectIn) -> Change:
-    """Exclude the item from all totals. A later event of the same layer about the item includes it again."""
+    """Exclude the item from all totals.
+
+    A later event of the same layer about the item includes it again.
+    """
     state = context.item(event.item)
     return Change(old={"status": context.record(state).status}, new={"status": "rejected"})
 
@@ -113,7 +117,8 @@ def redraw(context: ReviewContext, event: RedrawIn) -> Change:
 def reshape(context: ReviewContext, event: ReshapeIn) -> Change:
     """Set the item's volume to that of a form in the table's frame of the meal's run.
 
-    Raises ConflictError (`scene_missing`: no run has such a frame), InvalidInputError (`form_too_large`).
+    Raises ConflictError (`scene_missing`: no run has such a frame), InvalidInputError
+    (`form_too_large`).
     """
     state, run = context.item(event.item), last_runs(context.session, context.meal.id).get("meal")
     names = (
@@ -146,7 +151,10 @@ def reshape(context: ReviewContext, event: ReshapeIn) -> Change:
 
 
 def declare(context: ReviewContext, event: DeclareIn) -> Change:
-    """Answer a probe of the item. Raises InvalidInputError (no probe of its food), ConflictError (answered)."""
+    """Answer a probe of the item.
+
+    Raises InvalidInputError (no probe of its food), ConflictError (answered).
+    """
     state, session = context.item(event.item), context.session
     probes = (
         session.get_one(Food, state.food_assignment.food_id).probes

@@ -39,7 +39,8 @@ def read_queue(
 ) -> Page[QueuedItem]:
     """A page of the queue. Raises InvalidInputError for a cursor that is none of these filters.
 
-    An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at the head again.
+    An item whose doubt changes between two pages may come twice or not at all: a reviewer starts at
+    the head again.
     """
     with database.read() as session:
         page = read_rows(session, chosen, cursor=cursor, limit=limit)
@@ -88,8 +89,9 @@ MOST_EVENTS = 20  # of others since the item was read; the rest is in the meal's
 class ReviewItem:
     """An item to review.
 
-    energy: the 90 % interval of what was eaten. photograph: the left one, None: there is none, or it was erased.
-    last_event: the number of the newest event of the meal.
+    energy: the 90 % interval of what was eaten
+    photograph: the left one, None: there is none, or it was erased
+    last_event: the number of the newest event of the meal
     """
 
     row: QueueRow
@@ -116,7 +118,10 @@ class ItemNow:
 def read_review_page(
     database: Database, chosen: QueueFilter, *, cursor: str | None, limit: int
 ) -> Page[ReviewItem]:
-    """Return a page of the queue, most doubtful first: the same rows as `read_queue`. Raises InvalidInputError."""
+    """Return a page of the queue, most doubtful first: the same rows as `read_queue`.
+
+    Raises InvalidInputError.
+    """
     with database.read() as session:
         page = read_rows(session, chosen, cursor=cursor, limit=limit)
         return Page(_items(session, page.rows), page.cursor)
@@ -145,7 +150,8 @@ def read_review_item(
 ) -> ItemNow:
     """Read an item, in the queue or not; seen: sequence number of the last event that the reader has.
 
-    Raises NotFoundError (`item_not_found`: measured again since, or never there), NotAllowedError, ConflictError.
+    Raises NotFoundError (`item_not_found`: measured again since, or never there), NotAllowedError,
+    ConflictError.
     """
     with database.read() as session:
         meal, code, _ = find_meal(session, caller, client_id, participant_code)

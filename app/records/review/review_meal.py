@@ -1,6 +1,7 @@
 """Rules of events about a whole meal: confirm it, add, split and merge items, undo, leftovers, comments and questions.
 
-Ids of items that an event creates follow from the event's id; such items exist as long as the event counts.
+Ids of items that an event creates follow from the event's id; such items exist as long as the event
+counts.
 """
 
 import math
@@ -175,7 +176,8 @@ def undo(context: ReviewContext, event: UndoIn) -> Change:
 def set_leftover(context: ReviewContext, event: SetLeftoverIn) -> Change:
     """Assign a piece of the after-meal pair to an item as food left or refuse, or to none.
 
-    Raises NotFoundError if the meal has no such piece or item, ConflictError if the item was replaced or rejected.
+    Raises NotFoundError if the meal has no such piece or item, ConflictError if the item was
+    replaced or rejected.
     """
     piece = next(
         (piece for piece in context.state.leftovers if piece.state.item.id == event.item), None
@@ -209,7 +211,10 @@ def set_leftover(context: ReviewContext, event: SetLeftoverIn) -> Change:
 
 
 def nothing_left(context: ReviewContext) -> Change:
-    """Record that all was eaten. Raises ConflictError if an after-meal pair was measured, which is more precise."""
+    """Record that all was eaten.
+
+    Raises ConflictError if an after-meal pair was measured, which is more precise.
+    """
     if context.meal.after_status in AFTER_MEASURED:
         raise ConflictError(
             "An after-meal pair was measured: classify its pieces instead (set_leftover).",
@@ -259,7 +264,8 @@ def _split_part(
 ) -> tuple[Item, StatedAmount]:
     """Return a new item and, if the whole had stated grams, its share of them.
 
-    Grams of a household measure hold for the measure's food only; a part of another food uses its share of the volume.
+    Grams of a household measure hold for the measure's food only; a part of another food uses its
+    share of the volume.
     """
     amount = whole.amount
     mass: StatedAmount = {}
