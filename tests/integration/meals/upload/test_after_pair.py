@@ -67,6 +67,10 @@ def test_metadata_of_the_pair_are_replaced_until_a_photograph_is_here(table, sta
         assert meal.after_details["time_zone"] == "Asia/Shanghai"
     assert table.tell(**told, captured_at="2026-11-20T12:57:00+08:00").status_code == 202  # photographed anew
     assert table.after["captured_at"] == "2026-11-20T12:57:00+08:00"
+    assert table.tell(complete=True).status_code == table.tell().status_code == 202  # `complete` is taken back
+    with state.database.read() as session:
+        assert "complete" not in session.query(Meal).one().after_details
+    assert table.tell(**told, captured_at="2026-11-20T12:57:00+08:00").status_code == 202
     table.put("after_left")
     other = table.tell(**told, captured_at="2026-11-20T12:58:00+08:00")
     assert (*refusal(other), other.json()["fields"]) == (409, "after_pair_differs", ["captured_at"])
