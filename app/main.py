@@ -19,7 +19,7 @@ from app.dashboard import routes as dashboard
 from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.static_files import DashboardFiles
 from app.db.session import open_database
-from app.diary import overview_api as overview
+from app.diary import api as diary
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
 from app.exports.export_places import ExportPlaces
@@ -213,7 +213,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         remeasurements,
         review,
         days,
-        overview,
+        diary,
         foods,
         food_edits,
         reference_intakes,

@@ -2,7 +2,7 @@
 
 from fastapi import APIRouter
 
-from app.diary.overview_api import get_adequacy
+from app.diary.api import get_adequacy
 from app.exports.lists.days_api import get_intakes
 from app.http.flat_list import ListRoute
 from app.people.access.page_rules import STUDY_PAGES

@@ -14,8 +14,8 @@ from app.dashboard.addresses import study_address
 from app.dashboard.data_pages.overview_charts import day_charts, nutrient_chart
 from app.dashboard.forms import Blank
 from app.dashboard.page import CurrentPage
-from app.diary import overview_api
-from app.diary.overview_api import Part
+from app.diary import api as diary_api
+from app.diary.api import Part
 from app.diary.overview_schemas import CountedStatus, PersonDayOut
 from app.diary.study_overview import (
     DEFAULT_DAYS,
@@ -106,7 +106,7 @@ def get_overview_file(
     part: Part | None = None,
 ) -> Response:
     """The page's figures as the API returns them, or one of their tables as a file."""
-    return overview_api.get_overview(study, page.state, page.caller, first, last, output, part)
+    return diary_api.get_overview(study, page.state, page.caller, first, last, output, part)
 
 
 @router.get(f"{STUDY_PAGES}/waiting")

@@ -9,7 +9,7 @@ from datetime import UTC, date, datetime, timedelta
 import pytest
 import sqlalchemy as sa
 
-from app.diary.overview_api import ROWS
+from app.diary.api import ROWS
 from app.diary.study_overview import study_overview
 from app.meals.stored.models import Meal
 from app.people.access.caller import StaffCaller
