@@ -92,7 +92,9 @@ def compare_days(rows: Sequence[DayRow], stage: LifeStage | None) -> ComparisonO
                 is_covered = len(amounts) == len(whole) and min(coverages) >= FULL
                 comparison = compare_intake(amounts, reference, kind, is_covered=is_covered)
                 coverage = sum(coverages) / len(coverages)
-                compared[column] = ComparedOut(**asdict(comparison), coverage=coverage)
+                compared[column] = ComparedOut(
+                    **asdict(comparison), interval=comparison.interval, coverage=coverage
+                )
     return ComparisonOut(
         window_days=WINDOW_DAYS,
         closed_days=len(closed),
