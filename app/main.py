@@ -54,9 +54,9 @@ from app.meals.upload import server_api as server
 from app.meals.upload.after_meal import SubmitAfterPair
 from app.meals.upload.declare_meal import DeclareMeal
 from app.meals.upload.partial_uploads import PartialUploads
+from app.meals.upload.read_api import MealWaiter
 from app.meals.upload.server_api import FEATURES
 from app.meals.upload.submit_meal import SubmitMeal
-from app.meals.upload.waiting import MealWaiter
 from app.metrics.instruments import register_build
 from app.openapi import openapi_document
 from app.operations import health_api as health

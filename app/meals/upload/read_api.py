@@ -1,25 +1,106 @@
-"""/v1/meals/{meal_id}: read a meal's state and the pictures of its run; cancel or retry its estimate."""
+"""/v1/meals/{meal_id}: read a meal's state, wait for a change; cancel or retry its estimate.
 
+Also the pictures of its run. For `?wait=`, one poller per process queries the database for all
+meals that requests wait for: a waiting request holds a future, but no thread and no connection.
+"""
+
+import asyncio
+import contextlib
+import uuid
+from collections.abc import Collection
 from typing import Annotated, Any, Literal
 
 import anyio.to_thread
+import sqlalchemy.exc
+import structlog
 from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
+from app.db.session import Database
 from app.http.closing_stream import ClosingStream
 from app.http.conditions import is_held
 from app.http.model_response import ModelResponse
 from app.http.parameters import MealId, OfWhichParticipant
 from app.http.problems import problem_responses
 from app.jobs.queue import JobQueue
+from app.meals.stored import queries as meals
 from app.meals.stored.item_state import REMEASURING
 from app.meals.stored.queries import WAITING
 from app.meals.upload.cancel_or_retry import cancel_meal, retry_meal
-from app.meals.upload.waiting import MealWaiter
 from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.records.meal_schemas import MealOut
 from app.records.read_meal import MealView, open_artefact, read_meal
 from app.records.render import meal_etag, tagged_meal
+
+log = structlog.get_logger()
+
+POLL_SECONDS = 0.25
+
+
+class MealWaiter:
+    """Wakes requests when their meal's version is no longer the one that they know."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self._waiting: dict[uuid.UUID, dict[asyncio.Future[None], int]] = {}
+        self._poller: asyncio.Task[None] | None = None
+        self._is_closed = False
+
+    async def wait(self, meal_id: uuid.UUID, known_version: int, seconds: float) -> None:
+        """Return when the meal's version differs from the known one, or after `seconds`."""
+        if self._is_closed:
+            return
+        future = asyncio.get_running_loop().create_future()
+        self._waiting.setdefault(meal_id, {})[future] = known_version
+        if self._poller is None or self._poller.done():
+            self._poller = asyncio.create_task(self._poll())
+        try:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(future, seconds)
+        finally:
+            waiters = self._waiting.get(meal_id, {})
+            waiters.pop(future, None)
+            if not waiters:
+                self._waiting.pop(meal_id, None)
+
+    def release(self) -> None:
+        """Wake all requests and let none wait any more: at shutdown each gets the current state."""
+        self._is_closed = True
+        for waiters in self._waiting.values():
+            for future in waiters:
+                if not future.done():
+                    future.set_result(None)
+
+    async def close(self) -> None:
+        """Release all requests, and end the poller."""
+        self.release()
+        if self._poller is not None:
+            self._poller.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await self._poller
+
+    async def _poll(self) -> None:
+        while self._waiting:
+            try:
+                versions = await anyio.to_thread.run_sync(self._versions, list(self._waiting))
+            except (
+                sqlalchemy.exc.SQLAlchemyError
+            ):  # without a database, requests wait until their time is over
+                log.warning("wait_poll_failed", exc_info=True)
+            else:
+                self._wake(versions)
+            await asyncio.sleep(POLL_SECONDS)
+
+    def _versions(self, meal_ids: Collection[uuid.UUID]) -> dict[uuid.UUID, int]:
+        with self._database.read() as session:
+            return {row.id: row.version for row in meals.versions_of(session, meal_ids)}
+
+    def _wake(self, versions: dict[uuid.UUID, int]) -> None:
+        for meal_id, waiters in self._waiting.items():
+            for future, known_version in waiters.items():
+                if versions.get(meal_id) != known_version and not future.done():
+                    future.set_result(None)
+
 
 router = APIRouter(prefix="/v1/meals", tags=["meals"])
 

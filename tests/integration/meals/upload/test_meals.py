@@ -7,7 +7,7 @@ import sqlalchemy as sa
 
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
-from app.meals.upload.waiting import MealWaiter
+from app.meals.upload.read_api import MealWaiter
 from tests.integration.conftest import meal_metadata
 from tests.integration.meals.upload.answers import refusal
 from tests.support.photographs import pair, photograph
