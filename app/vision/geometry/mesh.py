@@ -19,8 +19,8 @@ class Topology:
     """places: (n, k) where each vertex lies on the undeformed surface: unit directions, or two angles of a ring.
 
     faces: (m, 3) vertices of each triangle, counter-clockwise from outside, stored by columns. edges: (e, 2) each once.
-    edge_faces: (e, 2) the triangles on either side. around: (3 m,) the triangles around each vertex, vertex after
-    vertex. around_from: (n,) where those of each vertex begin.
+    edge_faces: (e, 2) the triangles on either side, first the one that runs along the edge as it is written. around:
+    (3 m,) the triangles around each vertex, vertex after vertex. around_from: (n,) where those of each vertex begin.
     """
 
     places: Float64Array
@@ -110,10 +110,10 @@ def _grid_faces(cells: int) -> IntArray:
 
 
 def _topology(places: Float64Array, faces: IntArray) -> Topology:
-    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    order = np.lexsort(
-        pairs.T[::-1]
-    )  # each edge stands twice, once for the triangle on either side
+    sides = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.sort(sides, axis=1)
+    # Each edge stands twice: first for the triangle that runs along it as it is written.
+    order = np.lexsort((sides[:, 0] > sides[:, 1], pairs[:, 1], pairs[:, 0]))
     corners = np.argsort(faces, axis=None, kind="stable")
     around_from = np.searchsorted(faces.ravel()[corners], np.arange(len(places)))
     return Topology(
@@ -177,18 +177,3 @@ def normals_towards(
 ) -> MaskArray:
     """(m,) the same of triangles whose face_normals are known. corners: (m, 3) any corner of each."""
     return np.asarray(np.einsum("ij,ij->i", normals, corners - camera_mm) < 0, np.bool_)
-
-
-def outline_vertices(
-    vertices: Float64Array, mesh: Topology, is_facing: MaskArray
-) -> tuple[IntArray, Float64Array]:
-    """Vertices on the outline (contour generator) towards a camera, (k,), and each one's share of its length, (k,).
-
-    is_facing: (m,) see faces_towards. The outline runs along the edges between a triangle that is seen from outside
-    and one that is not: exact where the form has an edge, and within half a triangle where it is smooth.
-    """
-    crossed = mesh.edges[is_facing[mesh.edge_faces[:, 0]] != is_facing[mesh.edge_faces[:, 1]]]
-    length = np.linalg.norm(vertices[crossed[:, 0]] - vertices[crossed[:, 1]], axis=1)
-    share = np.bincount(crossed.ravel(), np.repeat(0.5 * length, 2), len(vertices))
-    index = np.flatnonzero(share)
-    return index, share[index] / share.sum()

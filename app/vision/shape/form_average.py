@@ -34,7 +34,7 @@ def average_forms(
     Also the height that it rests at, mm, and flags. pair_sd: relative, what all foods of the photographs share.
     likely: of a single view's food of which prior says nothing.
     """
-    log_evidence, misfit = _log_evidence(fits, SINGLE_TUNING.temper if is_single else TUNING.temper)
+    log_evidence, misfit = _log_evidence(fits)
     weights = np.exp(log_evidence)
     if is_single:
         weights *= _equal_forms([fit.form.name for fit in fits])
@@ -75,7 +75,7 @@ def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) 
     """Return the fits whose weight is not negligible or whose family a hint names, the best first."""
     if not fits:
         return []
-    log_evidence, _ = _log_evidence(fits, TUNING.temper)
+    log_evidence, _ = _log_evidence(fits)
     is_likely = log_evidence > np.log(TUNING.least_weight)
     return [
         fit
@@ -84,13 +84,13 @@ def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) 
     ]
 
 
-def _log_evidence(fits: Sequence[FormFit], temper: float) -> tuple[Float64Array, float]:
+def _log_evidence(fits: Sequence[FormFit]) -> tuple[Float64Array, float]:
     """(n,) logarithm of each fit's evidence over the best one's, which is the first, and the best one's misfit."""
     costs = np.array([fit.evidence for fit in fits])
     misfit = max(
         1.0, costs[0] / max(fits[0].observations, 1.0)
     )  # its own size tells what a difference is worth
-    return -0.5 * (costs - costs[0]) / (temper * misfit), misfit
+    return -0.5 * (costs - costs[0]) / (TUNING.temper * misfit), misfit
 
 
 def _equal_forms(names: Sequence[str]) -> Float64Array:

@@ -17,14 +17,10 @@ import cv2
 import numpy as np
 from numpy.polynomial import Legendre
 
-from app.vision.geometry.mesh import IntArray, Topology, ring, sphere, unit, vertex_normals
+from app.vision.geometry.mesh import IntArray, Topology, ring, sphere
 from app.vision.model import Float64Array
 
-COARSE, FINE, EXACT = (
-    6,
-    12,
-    24,
-)  # cells a side of the cube: to find a form, to fit it, to take its volume
+COARSE, FINE, EXACT = 6, 8, 24  # cells a side of the cube: to find, to fit, to take the volume
 DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
 # Of the displacement in mean radii at degree one, all round the axis or not.
 LATHE_SD, REST_SD, HEAP_SD = 0.06, 0.03, 0.08
@@ -46,6 +42,8 @@ SPREAD = np.array(
     [np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5]
 )  # prior
 SUPPORT_BOUND = 2.0  # sd, within which the support stays
+_PLACING = (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
+CONTACT_MM = 0.25  # height over the lowest point, within which a form touches its support
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
 LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
 LOG_EXPONENTS = (
@@ -225,6 +223,29 @@ class Form(ABC):
         return np.asarray(np.einsum("knb,nb->kn", jacobian[:, vertex], directions), np.float64)
 
 
+@dataclass(frozen=True, slots=True)
+class Resting:
+    """What of a form touches its support. vertex: (k,) the lowest. share: (k,) of each in how the level moves.
+
+    level_mm: of the support, in the frame of the heights.
+    """
+
+    level_mm: float
+    vertex: IntArray
+    share: Float64Array
+
+
+def resting(heights_mm: Float64Array) -> Resting:
+    """The contact of vertices (n,): a patch, so that the level moves smoothly from one lowest vertex to the next."""
+    lowest = float(heights_mm.min())
+    vertex = np.flatnonzero(heights_mm < lowest + 16 * CONTACT_MM)
+    over = heights_mm[vertex]
+    weight = np.exp((lowest - over) / CONTACT_MM)
+    weight /= weight.sum()
+    level = float(weight @ over)
+    return Resting(level, vertex, weight * (1 - (over - level) / CONTACT_MM))
+
+
 def _distinct(vertex: IntArray) -> tuple[IntArray, IntArray]:
     """(m,) the different ones of (n,) vertices, ascending, and (n,) the place of each among them."""
     is_used = np.zeros(int(vertex.max(initial=-1)) + 1, np.bool_)
@@ -284,8 +305,8 @@ class Superellipsoid(Form):
 
     @property
     def is_folded(self) -> bool:
-        """A bent one may, and a heap whose far foot lies behind it."""
-        return BEND in self.free or self._is_cut
+        """A bent one may."""
+        return BEND in self.free
 
     @property
     def weight_sd(self) -> Float64Array:
@@ -317,86 +338,53 @@ class Superellipsoid(Form):
         )
 
     def _shaped(self, p: Float64Array, weights: Float64Array, cells: int) -> Float64Array:
-        plain = self._plain(p, cells)
-        return (
-            self._displaced(p, weights, plain.at, self._normals(plain, cells), cells)
-            if len(weights)
-            else plain.at
-        )
+        own = self._own(p[None], sphere(cells).places, _waves(weights, cells))[0]
+        at = own @ self._turn(p).T
+        place = np.array([p[X], p[Y], p[SUPPORT] - resting(at[:, 2]).level_mm])
+        return np.asarray(at + place, np.float64)
 
     def moves_along(
         self, unknowns: Float64Array, cells: int, vertex: IntArray, directions: Float64Array
     ) -> Float64Array:
-        """See Form. What the displacement moves along counts as fixed, and the vertex that rests stays the same one."""
+        """See Form; by differences of the vertices that are asked for."""
         used, place = _distinct(vertex)
         moves = self._moves(unknowns, cells, used)
-        along = np.einsum("nb,nb->n", moves.normals[place], directions)
+        along = np.einsum("nb,nb->n", moves.raised[place], directions)
         by_weight = moves.harmonics.T[:, place] * along - moves.lowest[:, None] * directions[:, 2]
         by_parameter = np.einsum("knb,nb->kn", moves.by_parameter[:, place], directions)
         return np.concatenate([by_parameter, by_weight])
 
     def _moves(self, unknowns: Float64Array, cells: int, index: IntArray) -> "_Moves":
         p, weights = self.split(unknowns)
-        plain = self._plain(p, cells)
-        normals = self._normals(plain, cells) if len(weights) else np.zeros_like(plain.at)
-        at = self._displaced(p, weights, plain.at, normals, cells) if len(weights) else plain.at
-        lowest = int(np.argmin(at[:, 2]))
-        chosen = np.append(index, lowest)
-        directions, turned = sphere(cells).places[chosen], plain.turned[chosen]
-        out = np.zeros((len(self.free), len(chosen), 3))
-        shaping = [
-            row
-            for row, free in enumerate(self.free)
-            if free not in (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
-        ]
-        moved = np.tile(p, (len(shaping), 1))
+        waves, turn = _waves(weights, cells), self._turn(p)
+        rest = resting(self._own(p[None], sphere(cells).places, waves)[0] @ turn[2])
+        chosen, count = np.append(index, rest.vertex), len(index)
+        directions = sphere(cells).places[chosen]
+        shaping = [row for row, free in enumerate(self.free) if free not in _PLACING]
         steps = STEP[[self.free[row] for row in shaping]]
+        moved = np.tile(p, (len(shaping) + 1, 1))
         moved[np.arange(len(shaping)), [self.free[row] for row in shaping]] += steps
-        out[shaping] = (self._own(moved, directions) @ self._turn(p).T - turned) / steps[
-            :, None, None
-        ]
+        own = self._own(moved, directions, waves[chosen])
+        out = np.zeros((len(self.free), len(chosen), 3))
+        out[shaping] = (own[:-1] - own[-1]) @ turn.T / steps[:, None, None]
         for row, free in enumerate(self.free):
             if free in (X, Y, SUPPORT):
                 out[row, :, (X, Y, SUPPORT).index(free)] = 1.0
-            elif row not in shaping:
+            elif free in _PLACING:
                 turning = p.copy()
                 turning[free] += STEP[free]
-                out[row] = (plain.own[chosen] @ self._turn(turning).T - turned) / STEP[free]
+                out[row] = own[-1] @ (self._turn(turning) - turn).T / STEP[free]
         is_let_down = [row for row, free in enumerate(self.free) if free not in (X, Y, SUPPORT)]
-        out[is_let_down, :, 2] -= out[is_let_down, -1, 2, None]
-        waves = harmonics(cells)[chosen, : len(weights)]
-        moved_mm = _mean_radius(p) * normals[chosen]
-        return _Moves(out[:, :-1], moved_mm[:-1], waves[:-1], moved_mm[-1, 2] * waves[-1])
+        out[is_let_down, :, 2] -= (out[is_let_down, count:, 2] @ rest.share)[:, None]
+        harmonic = harmonics(cells)[chosen, : len(weights)]
+        higher = self._own(p[None], directions, waves[chosen] + WEIGHT_STEP)[0]
+        raised = (higher - own[-1]) @ turn.T / WEIGHT_STEP
+        lowest = (rest.share * raised[count:, 2]) @ harmonic[count:]
+        return _Moves(out[:, :count], raised[:count], harmonic[:count], lowest)
 
-    def _displaced(
-        self,
-        p: Float64Array,
-        weights: Float64Array,
-        plain_at: Float64Array,
-        normals: Float64Array,
-        cells: int,
-    ) -> Float64Array:
-        at = plain_at + normals * (_mean_radius(p) * (harmonics(cells) @ weights))[:, None]
-        at[:, 2] += p[SUPPORT] - at[:, 2].min()
-        return at
-
-    def _plain(self, p: Float64Array, cells: int) -> "_Plain":
-        own = self._own(p[None], sphere(cells).places)[0]
-        turned = own @ self._turn(p).T
-        return _Plain(own, turned, turned + np.array([p[X], p[Y], p[SUPPORT] - turned[:, 2].min()]))
-
-    def _normals(self, plain: "_Plain", cells: int) -> Float64Array:
-        """(n, 3) outward directions, along which the form is displaced."""
-        mesh = sphere(cells)
-        normals = unit(vertex_normals(plain.at, mesh))
-        if self._is_cut:  # the foot moves on its support, the base within it does not matter
-            normals[mesh.places[:, 2] < AT_FOOT] *= np.array([1.0, 1.0, 0.0])
-            normals[mesh.places[:, 2] < -AT_FOOT] = 0.0
-        return normals
-
-    def _own(self, p: Float64Array, directions: Float64Array) -> Float64Array:
-        """(q, n, 3) in the form's own axes, of (q, 14) parameters."""
-        return (_cut if self._is_cut else _whole)(p, directions)
+    def _own(self, p: Float64Array, directions: Float64Array, waves: Float64Array) -> Float64Array:
+        """(q, n, 3) in the form's own axes, of (q, 14) parameters; waves: (n,) displacement, mean radii."""
+        return (_cut if self._is_cut else _whole)(p, directions, waves)
 
     def _turn(self, p: Float64Array) -> Float64Array:
         return cv2.Rodrigues(p[TURN_X : TURN_Z + 1])[0] @ self.axes
@@ -407,36 +395,30 @@ class Superellipsoid(Form):
 
 
 @dataclass(frozen=True, slots=True)
-class _Plain:
-    """A form without displacement, (n, 3) each: in its own axes, turned, and in its place."""
-
-    own: Float64Array
-    turned: Float64Array
-    at: Float64Array
-
-
-@dataclass(frozen=True, slots=True)
 class _Moves:
-    """Derivatives of a form's vertices: (q, n, 3) by_parameter; by the weight of a harmonic, it times (n, 3) normals.
+    """Derivatives of a form's vertices: (q, n, 3) by_parameter; by the weight of a harmonic, it times (n, 3) raised.
 
-    harmonics: (n, w). lowest: (w,) how much each weight raises the vertex that rests, by which all are let down.
+    harmonics: (n, w). lowest: (w,) how much each weight raises the level that rests, by which all are let down.
     """
 
     by_parameter: Float64Array
-    normals: Float64Array
+    raised: Float64Array
     harmonics: Float64Array
     lowest: Float64Array
 
 
-def _mean_radius(p: Float64Array) -> float:
-    return float(np.exp(p[A : C + 1].mean()))
+def _waves(weights: Float64Array, cells: int) -> Float64Array:
+    """(n,) displacement of each vertex, mean radii."""
+    if len(weights) == 0:
+        return np.zeros(len(sphere(cells).places))
+    return np.asarray(harmonics(cells) @ weights, np.float64)
 
 
-def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
+def _cut(p: Float64Array, directions: Float64Array, waves: Float64Array) -> Float64Array:
     """(q, n, 3) what stands above the level SUNK over each form's lowest point, closed by a flat base. p: (q, 14).
 
     The sphere's upper half becomes the surface, its equator the foot, its lower half the base, so that the foot is a
-    line of edges.
+    line of edges. The foot moves on its support, the base within it does not matter.
     """
     e1, e2 = np.exp(p[:, [E1, E2]].T)[:, :, None]
     a, b, c = np.exp(p[:, A : C + 1].T)[:, :, None]
@@ -447,30 +429,53 @@ def _cut(p: Float64Array, directions: Float64Array) -> Float64Array:
     flat = np.hypot(directions[:, 0], directions[:, 1])
     around = directions[:, :2] / np.maximum(flat, 1e-12)[:, None]
     share = np.where(directions[:, 2] < 0, flat, 1.0) * _power(np.cos(latitude), e1)
-    x, y = a * share * _power(around[:, 0], e2), b * share * _power(around[:, 1], e2)
-    return np.stack([x, y, c * _power(np.sin(latitude), e1)], axis=2)
+    x, y = share * _power(around[:, 0], e2), share * _power(around[:, 1], e2)
+    on_unit = np.stack([x, y, _power(np.sin(latitude), e1)])
+    sizes = np.stack([a, b, c])
+    normals = _normals(on_unit, sizes, e1, e2)
+    normals[2] *= directions[:, 2] > AT_FOOT
+    normals *= directions[:, 2] > -AT_FOOT
+    return np.moveaxis(on_unit * sizes + _mean_radii(p) * waves * normals, 0, 2)
+
+
+def _whole(p: Float64Array, directions: Float64Array, waves: Float64Array) -> Float64Array:
+    """(q, n, 3) the superellipsoids in their own axes, displaced, tapered, then bent. p: (q, 14)."""
+    x, y, z = np.abs(directions.T) + 1e-9
+    e1, e2 = np.exp(p[:, [E1, E2]].T)[:, :, None]
+    scale = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
+    on_unit = directions.T[:, None] * scale
+    sizes = np.exp(p[:, A : C + 1].T)[:, :, None]
+    out = on_unit * sizes
+    if waves.any():
+        out += _mean_radii(p) * waves * _normals(on_unit, sizes, e1, e2)
+    out[:2] *= 1 + p[:, TAPER, None] * on_unit[2]
+    bent = np.abs(p[:, BEND]) > 1e-6
+    if bent.any():
+        radius = (sizes[2, :, 0] / np.where(bent, p[:, BEND], 1.0))[bent, None]
+        angle, reach = out[2, bent] / radius, radius - out[0, bent]
+        out[0, bent], out[2, bent] = radius - reach * np.cos(angle), reach * np.sin(angle)
+    return np.moveaxis(out, 0, 2)
+
+
+def _normals(
+    on_unit: Float64Array, sizes: Float64Array, e1: Float64Array, e2: Float64Array
+) -> Float64Array:
+    """(3, q, n) outward normals of superellipsoids, from their implicit function, where half-axes (3, q, 1) are one."""
+    x, y, z = np.abs(on_unit) + 1e-9
+    around = (x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1 - 1)
+    slope = np.stack([around * x ** (2 / e2 - 1), around * y ** (2 / e2 - 1), z ** (2 / e1 - 1)])
+    slope = np.copysign(slope, on_unit) / sizes
+    return np.asarray(slope / np.sqrt((slope**2).sum(axis=0)), np.float64)
+
+
+def _mean_radii(p: Float64Array) -> Float64Array:
+    """(q, 1)."""
+    return np.asarray(np.exp(p[:, A : C + 1].mean(axis=1))[:, None], np.float64)
 
 
 def _power(base: Float64Array, exponent: Float64Array) -> Float64Array:
     """Signed power, as in Barr's parametrisation."""
     return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
-
-
-def _whole(p: Float64Array, directions: Float64Array) -> Float64Array:
-    """(q, n, 3) the superellipsoids in their own axes, tapered, then bent. p: (q, 14)."""
-    x, y, z = np.abs(directions.T) + 1e-9
-    e1, e2 = np.exp(p[:, [E1, E2]].T)[:, :, None]
-    scale = ((x ** (2 / e2) + y ** (2 / e2)) ** (e2 / e1) + z ** (2 / e1)) ** (-e1 / 2)
-    on_unit = directions.T[:, None] * scale
-    a, b, c = np.exp(p[:, A : C + 1].T)[:, :, None]
-    section = 1 + p[:, TAPER, None] * on_unit[2]
-    out = np.stack([on_unit[0] * a * section, on_unit[1] * b * section, on_unit[2] * c], axis=2)
-    bent = np.abs(p[:, BEND]) > 1e-6
-    if bent.any():
-        radius = (c[:, 0] / np.where(bent, p[:, BEND], 1.0))[bent, None]
-        angle, reach = out[bent, :, 2] / radius, radius - out[bent, :, 0]
-        out[bent, :, 0], out[bent, :, 2] = radius - reach * np.cos(angle), reach * np.sin(angle)
-    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -530,5 +535,7 @@ class Ring(Form):
         turns = np.stack([cv2.Rodrigues(each)[0] @ self.axes for each in p[:, TURN_X : TURN_Z + 1]])
         at = own @ turns.swapaxes(1, 2)
         at[:, :, :2] += p[:, None, [X, Y]]
-        at[:, :, 2] += (p[:, SUPPORT] - at[:, :, 2].min(axis=1))[:, None]
+        at[:, :, 2] += (p[:, SUPPORT] - [resting(heights).level_mm for heights in at[:, :, 2]])[
+            :, None
+        ]
         return np.asarray(at, np.float64)

@@ -20,11 +20,12 @@ from app.vision.scene.vessel import Vessel
 from app.vision.shape.bowl import measure_content
 from app.vision.shape.families import below_gap, families
 from app.vision.shape.form_average import Flags, average_forms, likely_fits, log_normal_volume
-from app.vision.shape.form_fit import FormAt, FormFit, Seen, fit_form, form_at
+from app.vision.shape.form_fit import FormFit, fit_form
 from app.vision.shape.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.shape.forms import COARSE, FINE, Form
 from app.vision.shape.measure import MeasuredItem, is_low_texture, without_clutter
 from app.vision.shape.prism_starts import begin_prisms
+from app.vision.shape.seen import Seen
 from app.vision.shape.single_starts import single_view_forms
 from app.vision.shape.surface_match import average_along, draw_mask, measure_along
 from app.vision.shape.tuning import SINGLE_TUNING, TUNING
@@ -266,9 +267,8 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
             food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm
         )
     hinted_families = prior.families if prior is not None else ()
-    ranked = _coarse_fits(
-        food, [replace(form, has_displacement=False) for form in forms], hinted_families
-    )
+    plain = [replace(form, has_displacement=False) for form in forms]
+    ranked = _coarse_fits(food, plain, hinted_families)
     kept, margin = (
         (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
     )
@@ -276,109 +276,49 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
     of_form = [fit for fit in rest if fit.form.name in hinted_families]
     if food.is_single:
-        return _pass(food, usable[:kept] + of_form[:1], food.seen)
-    # First each family as it is seen along itself; then all along the best one, so that their evidence compares.
-    fits = _settled(
-        food, likely_fits(_pass(food, usable[:kept] + of_form[:1], None), hinted_families)
-    )
-    for runner_up in fits[1:2]:
-        # What is measured along a form favours it: one that does better along itself is the better one.
-        own = _pass(food, [runner_up], None)
-        if own and own[0].evidence < fits[0].evidence:
-            fits = _settled(food, [*own, fits[0], *fits[2:]])
-    return fits
+        return _refitted(food.seen, usable[:kept] + of_form[:1])
+    return _settled(food, usable[:kept] + of_form[:1], hinted_families)
 
 
-def _coarse_fits(
-    food: _Food, forms: Sequence[Form], hinted_families: Collection[str]
-) -> list[FormFit]:
-    """Return the coarse fits, best first: families with the nearest starts, and those that a hint names.
+def _coarse_fits(food: _Food, forms: Sequence[Form], hinted: Collection[str]) -> list[FormFit]:
+    """Return the coarse fits, best first: a few rounds of all, then to their end of the nearest and of hinted families.
 
-    In a single view all families are fitted from both starts, since one outline hardly tells them apart.
+    In a single view all are fitted to their end, since one outline hardly tells them apart.
     """
-    starts_by_family: list[Sequence[FormAt]] = [
-        starts for starts in (begin_fit(form, food.seen) for form in forms) if starts
-    ]
-    if not food.is_single:
-        starts_by_family = nearest_starts(starts_by_family, hinted_families)
-    fitted = [_best_coarse_fit(starts, food.seen) for starts in starts_by_family]
-    return sorted((fit for fit in fitted if fit is not None), key=lambda fit: fit.cost)
-
-
-def nearest_starts(
-    starts_by_family: Sequence[Sequence[FormAt]], hinted_families: Collection[str]
-) -> list[Sequence[FormAt]]:
-    """Return the best start of each of the nearest forms, and of those whose family a hint names, nearest first."""
-    ranked = sorted(starts_by_family, key=lambda starts: starts[0].cost())
-    return [
-        starts[:1]
-        for number, starts in enumerate(ranked)
-        if number < TUNING.kept_coarse or starts[0].form.name in hinted_families
-    ]
-
-
-def begin_fit(form: Form, seen: Seen) -> list[FormAt]:
-    """Return where a coarse fit may begin, the nearer first: at the form's own start, and where a wide fit takes it.
-
-    The loss is flat far from what is seen, so that a form that starts there is not drawn towards it.
-    """
-    start = form_at(form, form.start, COARSE, seen)
-    if start is None:
-        return []
-    wide = fit_form(
-        form,
-        seen,
-        COARSE,
-        TUNING.wide_rounds,
-        start,
-        TUNING.wide_outline_sd_px / seen.outline_sd_px,
-    )
-    return sorted([start] if wide is None else [start, wide.at], key=lambda at: at.cost())
-
-
-def _best_coarse_fit(starts: Sequence[FormAt], seen: Seen) -> FormFit | None:
-    fits = (fit_form(at.form, seen, COARSE, TUNING.first_rounds, at) for at in starts)
-    return min((fit for fit in fits if fit is not None), key=lambda fit: fit.cost, default=None)
-
-
-def _pass(food: _Food, fits: Sequence[FormFit], common: Seen | None) -> list[FormFit]:
-    """All fitted finely from where they are, to what is seen along one form or each along itself; the best first.
-
-    A family whose fit does not determine its volume is left out.
-    """
-    refitted = [_refit(food, common, fit) for fit in fits]
-    return [
+    begun = [fit_form(form, food.seen, COARSE, most_rounds=TUNING.first_rounds) for form in forms]
+    ranked = sorted((fit for fit in begun if fit is not None), key=lambda fit: fit.cost)
+    near = [
         fit
-        for _, fit in sorted(
-            (each for each in refitted if each is not None), key=lambda each: each[0]
-        )
+        for number, fit in enumerate(ranked)
+        if number < TUNING.kept_coarse or fit.form.name in hinted or food.is_single
     ]
+    ended = [fit_form(fit.form, food.seen, COARSE, fit.unknowns) for fit in near]
+    return sorted((fit for fit in ended if fit is not None), key=lambda fit: fit.cost)
 
 
-def _settled(food: _Food, fits: list[FormFit]) -> list[FormFit]:
+def _settled(food: _Food, fits: list[FormFit], hinted: Collection[str]) -> list[FormFit]:
     """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
     for _ in range(TUNING.max_passes):
         if not fits:
             break
         before_ml = fits[0].volume_ml
-        fits = _pass(food, fits, _seen_along(food, fits[0]))
+        fits = likely_fits(_refitted(_seen_along(food, fits[0]), fits), hinted)
         if fits and abs(np.log(fits[0].volume_ml / before_ml)) < TUNING.settled:
             break
     return fits
 
 
-def _refit(food: _Food, seen: Seen | None, before: FormFit) -> tuple[float, FormFit] | None:
-    """Return the evidence of the form fitted finely from where it was before, and that fit.
-
-    None if the fit does not determine the volume.
-
-    It is fitted to what is seen along the form there or along another one.
-    """
-    form = replace(before.form, has_displacement=True)
-    start = np.zeros(len(form.start))
-    start[: len(before.unknowns)] = before.unknowns
-    fit = fit_form(form, seen or _seen_along(food, before), FINE, TUNING.rounds, start)
-    return (fit.evidence, fit) if fit is not None and fit.is_determined else None
+def _refitted(seen: Seen, fits: Sequence[FormFit]) -> list[FormFit]:
+    """All fitted finely from where they are, the best first, but for those whose volume that leaves undetermined."""
+    refitted = []
+    for before in fits:
+        form = replace(before.form, has_displacement=True)
+        start = np.zeros(len(form.start))
+        start[: len(before.unknowns)] = before.unknowns
+        fit = fit_form(form, seen, FINE, start)
+        if fit is not None and fit.is_determined:
+            refitted.append(fit)
+    return sorted(refitted, key=lambda fit: fit.evidence)
 
 
 def _seen_along(food: _Food, near: FormFit) -> Seen:

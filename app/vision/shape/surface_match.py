@@ -66,7 +66,19 @@ def measure_along(
     window = (slice(top, top + height), slice(left, left + width))
     clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
     offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
-    return SurfaceParallax(surface + offset, sd, (left, top))
+    return SurfaceParallax(surface + _evened(offset), sd, (left, top))
+
+
+def _evened(offset: Float32Array) -> Float32Array:
+    """The mean over a few pixels, which a window's error is common to, where there is a value."""
+    is_good = np.isfinite(offset)
+    side = (TUNING.averaged_along_px, TUNING.averaged_along_px)
+    share, total = (
+        cv2.blur(each, side, borderType=cv2.BORDER_CONSTANT)
+        for each in (is_good.astype(np.float32), np.where(is_good, offset, np.float32(0)))
+    )
+    mean = total / np.maximum(share, np.float32(1e-6))
+    return np.where(is_good, mean, np.float32(np.nan)).astype(np.float32)
 
 
 def average_along(

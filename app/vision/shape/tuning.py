@@ -8,49 +8,42 @@ class FormTuning:
     """Tuning of form_fit.py and shape.py, in the order in which a fit meets it; px are those of the working grid."""
 
     outline_sd_px: float = 0.7  # sd of an outline
-    # the same for a form that lies beyond the loss's reach; other sds widen as much
-    wide_outline_sd_px: float = 2.8
     outline_run_px: float = 10.0  # length along an outline over which its errors are one
     dense_sd_px: float = 0.5  # sd of the dense parallax
     dense_area_px: float = 100.0  # area over which errors of the dense parallax are one
+    averaged_px: int = 5  # side of the square over which any parallax is averaged
+    averaged_along_px: int = 21  # the same of one measured along a form, about that form's
     roughness_mm: float = 1.0  # sd of a food's surface about its form: skin, crumb, leaves; the dense parallax's in mm
     roughness_run_mm: float = 5.0  # length over which it is one
     # sd of parallax along a surface beside its noise: interpolation, gloss, poses
     surface_sd_px: float = 0.12
     max_sd_px: float = 1.0  # sd of parallax beyond which a point is left out
-    # of an observation that could not be made: between a good one's and a bad one's
-    unmeasured_loss: float = 2.0
+    # of an observation that a form leaves unexplained: between a good one's and a bad one's
+    unexplained_loss: float = 2.0
     loss_scale: float = 2.5  # sds beyond which a misfit counts less and less (Cauchy)
-    facing: float = 0.2  # cosine of the slant up to which parallax is compared in the first view
-    facing_second: float = 0.15  # the same in the second view
-    foot_mm: float = 0.5  # height over the support from which on a point is not the foot's
-    # within its own outline: a crossing line there is hidden by the form itself
-    hidden_px: float = 3.0
-    # within the hull of its outline, up to which a point lies on the outline of the whole
-    hull_px: float = 1.0
-    near_px: float = 5.0  # from a point, beyond which it does not matter what the form covers
+    # Cosines of the slant between which a point begins to show its parallax, in the first view and in the second.
+    facing: tuple[float, float] = (0.1, 0.3)
+    facing_second: tuple[float, float] = (0.075, 0.225)
+    foot_mm: float = 1.0  # height over the support up to which a point is partly the foot's
+    # outside a form's outline, where the form itself may still be: such a line is hidden
+    hidden_px: tuple[float, float, float] = (1.5, 3.0, 4.5)
     min_outline: int = 8  # points of an outline below which it takes no part
-    damping: tuple[float, float, float] = (
-        0.1,
-        1e-4,
-        1e4,
-    )  # Levenberg's damping: start, least, most
-    tries: int = 5  # steps tried in a round
-    remembered: int = 3  # rounds whose highest cost a step may not exceed
-    patience_coarse: int = 1  # rounds without progress that end a coarse fit
-    patience_fine: int = 3  # the same of a fine fit
-    # relative fall of the cost that ends a coarse fit, which only ranks families
-    converged_coarse: float = 1e-2
-    converged_fine: float = 2e-3  # the same of a fine fit
+    damping: tuple[float, float, float] = (0.1, 1e-4, 1e4)  # Marquardt's: start, least, most
+    damping_rise: float = 8.0  # after a step that does not lower the cost
+    damping_fall: float = 4.0  # after one that does
+    widest: float = 8.0  # tolerance that a fit begins with at most; it is halved in each round
+    settled_coarse: float = (
+        1.0  # fall of the cost that ends a coarse fit, which only ranks families
+    )
+    settled_fine: float = 0.05  # the same of a fine fit
+    most_rounds: int = 40  # of any fit
     coverage_weight: float = 0.5  # of a point of the food's outline against one of the form's
     # from the form's outline, beyond which a point of the food's is not explained
     unexplained_px: float = 4.0
-    first_rounds: int = 12  # rounds of a coarse fit
-    wide_rounds: int = 6  # rounds of a fit with the wide outline
-    rounds: int = 10  # rounds of a fine fit
+    first_rounds: int = 6  # of the coarse fit of a family, before the nearest are chosen
     top_quantile: float = 0.98  # of the points' heights: strays lie above it
     margin_px: int = 25  # around a food's mask
-    # forms nearest after the wide fit, which are fitted coarsely; a family may begin twice
+    # forms nearest after these, which are fitted coarsely to the end; a family may begin twice
     kept_coarse: int = 5
     kept: int = 4  # families that are fitted finely
     # of the best family's cost: one that fits so much worse coarsely is not fitted finely
@@ -90,7 +83,6 @@ class SingleTuning:
     A height may not be read out of what is but the outline's own irregularity.
     """
 
-    temper: float = 12.0  # as FormTuning's: one outline tells families apart by little else than its irregularities
     # of an outline: irregularities of a fiftieth of a food that spans 100 px
     outline_sd_px: float = 2.0
     kept: int = 9  # families that are fitted finely: one outline tells few of them apart

@@ -4,14 +4,11 @@ import pytest
 from app.vision.geometry.mesh import (
     enclosed_gradient_mm2,
     enclosed_mm3,
-    faces_towards,
-    outline_vertices,
     ring,
     sphere,
 )
 from tests.unit.vision.meshes import assert_watertight
 
-CAMERA_MM = np.array([120.0, -260.0, 330.0])
 MIDDLE_MM, TUBE_MM = 30.0, 12.0
 
 
@@ -56,17 +53,3 @@ def test_volume_gradient_is_that_of_differences(mesh):
     step = 1e-3
     change = enclosed_mm3(vertices + step * move, mesh.faces) - enclosed_mm3(vertices - step * move, mesh.faces)
     assert np.isclose((enclosed_gradient_mm2(vertices, mesh) * move).sum(), change / (2 * step), rtol=1e-6)
-
-
-def test_outline_of_a_sphere_lies_on_the_cone_from_the_camera():
-    cells, radius = 16, 20.0
-    mesh = sphere(cells)
-    vertices = radius * mesh.places
-    index, share = outline_vertices(vertices, mesh, faces_towards(vertices, mesh.faces, CAMERA_MM))
-    distance = np.linalg.norm(CAMERA_MM)
-    # The line of sight touches the sphere where direction . towards camera = radius / distance.
-    off_rad = np.arccos(mesh.places[index] @ CAMERA_MM / distance) - np.arccos(radius / distance)
-    longest = np.linalg.norm(mesh.places[mesh.edges[:, 0]] - mesh.places[mesh.edges[:, 1]], axis=1).max()
-    assert np.abs(off_rad).max() < longest
-    assert abs(share @ off_rad) < 0.1 * longest  # to neither side on the whole
-    assert np.isclose(share.sum(), 1.0)

@@ -40,7 +40,7 @@ def test_every_family_begins_near_the_food_on_its_support_and_only_the_ring_has_
     assert {"ball", "lying", "bent", "heap", "slab", "ring"} <= {form.name for form in forms}
     for form in forms:
         vertices = form.vertices(form.start, COARSE)
-        assert np.isclose(vertices[:, 2].min(), SUPPORT_MM, atol=0.01)
+        assert np.isclose(vertices[:, 2].min(), SUPPORT_MM, atol=0.5)
         assert np.linalg.norm((vertices.min(axis=0) + vertices.max(axis=0))[:2] / 2 - MIDDLE_MM) < 20
         assert 20 < np.ptp(vertices[:, 2]) < 80
         mesh = form.topology(COARSE)

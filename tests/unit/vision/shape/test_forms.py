@@ -10,6 +10,7 @@ from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.shape.forms import (
     BEND,
     COARSE,
+    CONTACT_MM,
     E1,
     E2,
     EXACT,
@@ -106,7 +107,7 @@ def test_heap_is_the_cap_above_its_foot(sunk_mm):
     assert np.isclose(volume(form), np.pi * high**2 * (3 * radius - high) / 3, rtol=0.012)
     vertices = form.vertices(form.start, EXACT)
     assert np.isclose(np.ptp(vertices[:, 2]), high, rtol=1e-3)
-    on_support = vertices[np.isclose(vertices[:, 2], SUPPORT_MM, atol=1e-9)]
+    on_support = vertices[np.isclose(vertices[:, 2], vertices[:, 2].min(), atol=1e-9)]
     foot = np.linalg.norm(on_support[:, :2] - [40.0, -15.0], axis=1).max()
     assert np.isclose(foot, np.sqrt(radius**2 - (sunk_mm - radius) ** 2), rtol=1e-6)
 
@@ -117,7 +118,7 @@ def test_form_rests_on_its_support_which_lifts_it_without_changing_it(form):
     for weights in (np.zeros(len(form.weight_sd)), rng.normal(0, form.weight_sd)):
         unknowns = form.start
         unknowns[len(form.free) :] = weights
-        assert np.isclose(form.vertices(unknowns, FINE)[:, 2].min(), SUPPORT_MM, atol=1e-9)
+        assert SUPPORT_MM - 2 * CONTACT_MM < form.vertices(unknowns, FINE)[:, 2].min() <= SUPPORT_MM
     raised = form.start
     raised[form.free.index(SUPPORT)] += 7.0
     assert np.allclose(form.vertices(raised, COARSE) - form.vertices(form.start, COARSE), [0, 0, 7.0])
@@ -139,8 +140,7 @@ def test_taper_and_bend_keep_the_middle_section_and_the_length_along_the_axis():
 @every_form
 @pytest.mark.parametrize(
     ("displaced", "tolerance"),
-    # What the displacement moves along counts as fixed, so that a displaced form's derivatives are near ones.
-    [(0.0, 0.02), (1.0, 0.3)],
+    [(0.0, 0.03), (1.0, 0.03)],
     ids=["plain", "displaced"],
 )
 def test_jacobian_is_that_of_central_differences(form, displaced, tolerance):
@@ -153,7 +153,7 @@ def test_jacobian_is_that_of_central_differences(form, displaced, tolerance):
         there[row] += step
         back[row] -= step
         truth = (form.vertices(there, FINE) - form.vertices(back, FINE)) / (2 * step)
-        off = np.abs(jacobian[row] - truth).mean()  # a point on the support moves to one side only
+        off = np.abs(jacobian[row] - truth).mean()
         assert off <= tolerance * np.abs(truth).mean() + 1e-3, row
     some = np.array([40, 3, 3, 17])
     assert np.allclose(jacobian_of(form, unknowns, FINE, some), jacobian[:, some])

@@ -56,8 +56,8 @@ def test_sharp_prism_has_its_volume_from_outlines_and_parallax(name):
     seen = seen_of_mesh(vertices, mesh)
     forms = [each for each in starts(seen.mask, 1.1 * HEIGHT_MM) if each.name == name]
     assert len(forms) == 2  # one with the points' height, one with the outline's
-    coarse = [fit_form(form, seen, COARSE, 20) for form in forms]
-    fits = [fit_form(each.form, seen, FINE, 30, each.unknowns) for each in coarse]
+    coarse = [fit_form(form, seen, COARSE) for form in forms]
+    fits = [fit_form(each.form, seen, FINE, each.unknowns) for each in coarse]
     fit = min(fits, key=lambda each: each.cost)
     # The prior expects 1.5 mm of rounding where there is none.
     assert fit.volume_ml == pytest.approx(mm3 / 1000, rel=0.03)
