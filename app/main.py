@@ -14,10 +14,10 @@ from app.children.api_children import ApiChildren
 from app.core.errors import NotFoundError
 from app.core.process_life import at_stop_signal
 from app.core.settings import Settings
-from app.dashboard import api_reference, guide
+from app.dashboard import guide
 from app.dashboard import routes as dashboard
 from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
-from app.dashboard.static_files import DashboardFiles
+from app.dashboard.templates import DashboardFiles
 from app.db.session import open_database
 from app.diary import api as diary
 from app.exports import api as exports
@@ -191,7 +191,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
     app.mount("/dashboard/static", DashboardFiles())
     app.mount(CAPTURE, CaptureFiles())
     app.mount(guide.PATH, guide.GuideFiles())
-    app.add_route(api_reference.PATH, api_reference.api_reference, include_in_schema=False)
+    app.add_route(guide.REFERENCE_PATH, guide.api_reference, include_in_schema=False)
     for resource in (
         meal_lists,
         upload,

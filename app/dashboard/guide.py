@@ -1,7 +1,7 @@
-"""/docs/guide: the pages of docs/ with a search, for everybody who can reach the server.
+"""Public documentation: /docs, the OpenAPI document in Swagger UI, and /docs/guide, the pages of docs/.
 
-Pages are rendered from the Markdown that the wheel holds, or the checkout. Links between them stay; one to a file that
-is not in docs/ becomes plain text, since a server does not have it.
+Pages are rendered from the Markdown that the wheel holds, or the checkout. Links between them stay; one to a
+file that is not in docs/ becomes plain text, since a server does not have it. Nothing is requested of other hosts.
 """
 
 import re
@@ -15,6 +15,7 @@ from urllib.parse import parse_qs
 from markdown_it import MarkdownIt
 from markupsafe import Markup
 from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
 from starlette.types import Scope
 
@@ -36,6 +37,7 @@ MOST_HITS, SNIPPET = 30, 160
 LINK = re.compile(r"\[([^\]]*)\]\((?![a-z]+:)([^)#\s]*)(#[^)\s]*)?\)")
 HEADING = re.compile(r"<h(\d)>(.*?)</h\1>")
 SECTION = re.compile(r'<h\d id="(.*?)">(.*?)</h\d>')
+REFERENCE_PATH = "/docs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,3 +166,10 @@ def _page(name: str, text: str) -> GuidePage:
 def _anchor(heading: str) -> str:
     """Return a heading's anchor by GitHub's rule."""
     return re.sub(r"[^\w\- ]", "", Markup(heading).striptags().lower()).replace(" ", "-")  # noqa: S704
+
+
+async def api_reference(_request: Request) -> HTMLResponse:
+    """Return the page. It is public, as the document is."""
+    return HTMLResponse(
+        render("api_reference.html"), headers=dict(HEADERS) | {"Cache-Control": "no-cache"}
+    )

@@ -1,14 +1,19 @@
-"""The context of a page: request, caller, study; rendering templates and redirecting."""
+"""The context of a page: request, caller, study; rendering templates, CSV files, redirecting."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated
 from urllib.parse import quote, unquote
 
 from fastapi import Depends, Request
+from pydantic import BaseModel
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.core.errors import NotFoundError
 from app.dashboard.templates import render
+from app.http.file_formats import FORMATS
+from app.http.flat_rows import encode_flat, flat_paths
 from app.http.state import ApiState
 from app.people.access.caller import StaffCaller, reaches, role_in
 from app.people.access.deps import CurrentStaff, State
@@ -116,3 +121,14 @@ def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
 
 
 CurrentPage = Annotated[Page, Depends(current_page)]
+
+
+def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:
+    """Return rows of a schema as CSV. name: the file's, without its extension; unsafe characters become `-`."""
+    records = [row.model_dump(mode="json", by_alias=True) for row in rows]
+    safe_name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
+    return Response(
+        b"".join(encode_flat("csv", flat_paths(model, records), records)),
+        media_type=FORMATS["csv"].media_type,
+        headers={"Content-Disposition": f'attachment; filename="{safe_name}.csv"'},
+    )

@@ -1,29 +1,28 @@
-"""The dashboard's routes, one file per page. Permissions are in app/people/access/page_rules.py."""
+"""The dashboard's routes. Permissions are in app/people/access/page_rules.py."""
 
 from fastapi import APIRouter
+from starlette.responses import RedirectResponse, Response
 
-from app.dashboard import no_such_page
-from app.dashboard.data_pages import exports, intake_files, overview, releases, remeasurements
+from app.core.errors import NotFoundError
+from app.dashboard.data_pages import exports, overview, releases, remeasurements
 from app.dashboard.food_pages import food_forms, foods, study_densities, study_vessels
 from app.dashboard.meal_pages import item_actions, meal, meal_list, review
+from app.dashboard.page import CurrentPage
 from app.dashboard.people_pages import (
     account,
     audit,
     devices,
-    marker,
-    members,
     participant,
     participants,
-    settings_pages,
-    sign_in,
     staff,
     studies,
     webhooks,
 )
+from app.people.access.page_rules import ELSEWHERE, study_address
 
 router = APIRouter(include_in_schema=False)
 for page in (
-    sign_in,
+    account,
     studies,
     overview,
     item_actions,
@@ -32,22 +31,29 @@ for page in (
     meal,
     participants,
     participant,
-    intake_files,
     exports,
     releases,
     remeasurements,
     devices,
-    members,
     webhooks,
-    settings_pages,
     staff,
     foods,
     food_forms,
     study_densities,
     study_vessels,
-    account,
     audit,
-    marker,
-    no_such_page,  # must be last: it matches every remaining address
 ):
     router.include_router(page.router)
+
+
+@router.get(ELSEWHERE)  # the last one: it matches every remaining address
+def get_no_such_page(page: CurrentPage, study: str, rest: str) -> Response:
+    """Redirect to the address without its trailing slash; without one raise NotFoundError.
+
+    Without access to the study the answer is the same as on its pages.
+    """
+    if not rest.endswith("/") and rest:
+        raise NotFoundError("There is no such page.")
+    parts = [part for part in rest.split("/") if part]
+    target, query = study_address(study, *parts), page.request.url.query
+    return RedirectResponse(f"{target}?{query}" if query else target, status_code=307)

@@ -1,4 +1,6 @@
-"""The Jinja2 environment of the pages and its filters: autoescaping, undefined names raise, numbers with units.
+"""The Jinja2 environment of the pages, its filters, and the static files.
+
+Autoescaping; undefined names raise. Scripts, styles and pictures are public: they hold no data.
 
 A number is shown rounded; `<data value="...">` holds it in full, so that it can be compared with API and exports.
 """
@@ -10,23 +12,27 @@ from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from functools import cache
 from pathlib import Path
-from urllib.parse import urlencode
+from urllib.parse import urlencode, urlsplit
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, pass_context
 from jinja2.runtime import Context
 from markupsafe import Markup, escape
+from starlette.responses import Response
+from starlette.types import Scope
 
 from app import __version__
-from app.dashboard.addresses import study_address
 from app.dashboard.menus import FOODS, server_menu, study_menu
-from app.people.access.page_rules import PREFIX
+from app.http.public_files import PublicFiles
+from app.people.access.page_rules import PREFIX, study_address
 from app.records.review.queries import MOST_MEALS
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
 MOST_DECIMALS = 6
 NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
+FOR_GOOD = "public, max-age=31536000, immutable"  # of an address that changes with its file (templates.static)
+ASK_FIRST = "no-cache"
 
 
 def render(template: str, **context: object) -> str:
@@ -219,3 +225,21 @@ def _number(value: float, shown: str) -> Markup:
 @cache
 def _unit(unit: str) -> str:
     return f' <span class="unit">{escape(unit)}</span>'
+
+
+class DashboardFiles(PublicFiles):
+    """Serves static/; a browser may keep a file for good if its address names this version of it."""
+
+    def __init__(self) -> None:
+        super().__init__(directory=STATIC)
+
+    async def get_response(self, path: str, scope: Scope) -> Response:
+        """Return a file with its Cache-Control header.
+
+        During an upgrade a page of one version may request files from a server of the other version. Such a file must
+        not be cached for good under the page's address.
+        """
+        answer: Response = await super().get_response(path, scope)
+        is_of_this_version = scope["query_string"].decode("latin-1") == urlsplit(static(path)).query
+        answer.headers["Cache-Control"] = FOR_GOOD if is_of_this_version else ASK_FIRST
+        return answer

@@ -7,8 +7,7 @@ from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.addresses import study_address
-from app.dashboard.data_pages.export_form import ITEM_STATUSES
+from app.dashboard.data_pages.exports import ITEM_STATUSES
 from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.exports.releases import releases
@@ -19,7 +18,7 @@ from app.exports.releases.schemas import ReleaseIn
 from app.http import paging
 from app.http.paging import Cursor
 from app.http.ranges import answer_stored_file
-from app.people.access.page_rules import STUDY_PAGES
+from app.people.access.page_rules import STUDY_PAGES, study_address
 
 router = APIRouter(include_in_schema=False)
 

@@ -8,12 +8,11 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.addresses import study_address
 from app.dashboard.forms import Blank, Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor
-from app.people.access.page_rules import STUDY_PAGES
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.records.remeasurements import remeasurements
 from app.records.remeasurements.api import get_remeasured_items
 from app.records.remeasurements.remeasurements import Requester

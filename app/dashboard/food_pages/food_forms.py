@@ -8,8 +8,6 @@ from pydantic import BaseModel, ValidationError
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
-from app.dashboard.food_pages.density_form import density_values
-from app.dashboard.food_pages.food_history import Difference, describe_differences
 from app.dashboard.food_pages.food_texts import (
     ADDED_ROWS,
     NUTRIENT,
@@ -18,7 +16,15 @@ from app.dashboard.food_pages.food_texts import (
     ingredient_rows,
     texts_of,
 )
-from app.dashboard.food_pages.foods import FOODS, component_table, food_address, food_page
+from app.dashboard.food_pages.foods import (
+    FOODS,
+    Difference,
+    component_table,
+    describe_differences,
+    food_address,
+    food_page,
+)
+from app.dashboard.food_pages.study_densities import density_values
 from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.refusals import sentence

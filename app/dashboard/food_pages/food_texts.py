@@ -7,7 +7,7 @@ others have corrected meanwhile.
 import re
 from collections.abc import Callable, Iterator, Mapping
 
-from app.dashboard.meal_pages.line_fields import (
+from app.dashboard.forms import (
     WrongFieldError,
     entries,
     lines,

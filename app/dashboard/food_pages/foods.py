@@ -1,35 +1,115 @@
-"""The food tables: a search with figures, and the page of one food."""
+"""The food tables: a search with figures, the page of one food, and its changes as readable lines."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
-from app.dashboard.data_pages.flat_file import csv_file
-from app.dashboard.food_pages.food_history import describe_differences
-from app.dashboard.page import CurrentPage, Page
+from app.dashboard.page import CurrentPage, Page, csv_file
 from app.foods.api import FoodKey, render_food
 from app.foods.edits.api import render_changes
 from app.foods.edits.edit_food import list_changes
 from app.foods.edits.schemas import ChangeOut
 from app.foods.foods import FoodView, read_food
+from app.foods.models import Component as ComponentRow
 from app.foods.queries import NutrientRow
 from app.foods.schemas import FoodMatch, NutrientOut
 from app.foods.search.list_foods import ListedFood, list_foods
 from app.foods.search.search_foods import food_groups
-from app.nutrition.components import COMPONENTS, HEADLINES, by_component_group
+from app.nutrition.components import (
+    COMPONENT_BY_NUMBER,
+    COMPONENTS,
+    HEADLINES,
+    Component,
+    by_component_group,
+)
 from app.people.access.page_rules import PREFIX
 from app.records.food_uses import COUNTED, read_uses
 
+NOT_KNOWN = "not known"
+NONE = "none"
 router = APIRouter(include_in_schema=False)
 
 FOODS = f"{PREFIX}/foods"
 LENGTHS = (50, 200, 1000)  # of the list; the last is the search's limit
 
 Output = Annotated[str, Query(alias="format", max_length=8)]
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """A changed field of a food. unit: of figures, else empty."""
+
+    label: str
+    old: str
+    new: str
+    unit: str = ""
+
+
+def describe_differences(
+    differences: Mapping[str, Sequence[object]], rows: Iterable[NutrientRow] = ()
+) -> list[Difference]:
+    """Describe field -> (old, new), nutrient figures last. rows: name components that components.csv lacks."""
+    components: dict[str, Component | ComponentRow] = {
+        row.component.number: row.component for row in rows
+    }
+    components |= COMPONENT_BY_NUMBER
+    changed, figures = [], []
+    for name, (old, new) in differences.items():
+        number = name.removeprefix("nutrients.")
+        if number != name:
+            component = components.get(number)
+            label, unit = (
+                (component.name, str(component.unit)) if component is not None else (number, "")
+            )
+            figures.append(Difference(label, _figure(old), _figure(new), unit))
+        else:
+            changed.append(
+                Difference(
+                    name.replace("_", " ").capitalize(), _describe(name, old), _describe(name, new)
+                )
+            )
+    return changed + figures
+
+
+def _figure(value: object) -> str:
+    return NOT_KNOWN if value is None else repr(value)
+
+
+def _describe(field: str, value: Any) -> str:
+    if value is None or value in ("", [], {}):
+        return NONE
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, list):
+        return "; ".join(_part(field, part) for part in value)
+    if field == "recipe":
+        parts = "; ".join(_part("ingredients", part) for part in value["ingredients"])
+        return f"yield {value['yield']}: {parts}"
+    if isinstance(value, dict):
+        return "; ".join(f"{name} {part}" for name, part in value.items())
+    return str(value)
+
+
+def _part(field: str, part: Any) -> str:
+    if field == "densities":
+        return (
+            f"{part['g_per_ml']} ± {part['sd_g_per_ml']} g/ml, {part['kind']}, {part['state']} "
+            f"({part['basis']}: {part['source']})"
+        )
+    if field == "refuse":
+        return f"{part['part']} {part['percent']} %{'' if part['is_served'] else ', removed before serving'}"
+    if field == "portions":
+        return f"{part['amount']} {part['measure']} = {part['mass_g']} g"
+    if field == "ingredients":
+        retained = ", ".join(f"{number} {share}" for number, share in part["retention"].items())
+        return f"{part['mass_g']} g {part['food_key']}" + (
+            f" (keeps {retained})" if retained else ""
+        )
+    return str(part)
 
 
 class FoodRow(FoodMatch):

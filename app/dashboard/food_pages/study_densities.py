@@ -1,7 +1,7 @@
 """A study's own measured densities; owners add and withdraw them."""
 
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import date
 from typing import Annotated
 
@@ -9,24 +9,56 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import InvalidInputError, NotFoundError
-from app.dashboard.addresses import study_address
-from app.dashboard.data_pages.flat_file import csv_file
-from app.dashboard.food_pages.density_form import density_values
 from app.dashboard.food_pages.foods import food_address
-from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
-from app.dashboard.page import CurrentPage, Page
+from app.dashboard.forms import (
+    Fields,
+    WrongFieldError,
+    WrongFormError,
+    form_values,
+    lines,
+    number,
+    read_fields,
+    read_form,
+    wrong_fields,
+)
+from app.dashboard.page import CurrentPage, Page, csv_file
 from app.foods import study_densities
 from app.foods.edits.api import measured_density
 from app.foods.edits.edit_food import Editor
 from app.foods.edits.schemas import StudyDensityIn, StudyDensityOut, WithdrawalIn
 from app.foods.study_densities import Measurement
 from app.foods.study_densities_api import render_study_density
-from app.people.access.page_rules import STUDY_PAGES
+from app.people.access.page_rules import STUDY_PAGES, study_address
 
 router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/densities"
 FoodIn = Annotated[str, Query(max_length=100)]
+
+
+def density_values(texts: Mapping[str, str]) -> tuple[dict[str, object], dict[str, str]]:
+    """Return (values of a MeasuredDensityIn for the fields that are not empty, field -> why it cannot be read)."""
+    return read_fields({name: text for name, text in texts.items() if text}, _READERS)
+
+
+def _specimens(text: str) -> list[dict[str, float]]:
+    return [_specimen(line) for line in lines(text)]
+
+
+def _specimen(line: str) -> dict[str, float]:
+    parts = line.replace(";", " ").split()
+    if len(parts) != 2:
+        raise WrongFieldError(
+            f"“{line[:40]}”: write the volume in ml and the mass in g, with a blank between."
+        )
+    return {"volume_ml": number(parts[0]), "mass_g": number(parts[1])}
+
+
+_READERS: Mapping[str, Callable[[str], object]] = {
+    **dict.fromkeys(("g_per_ml", "sd_g_per_ml", "volume_step_ml"), number),
+    **dict.fromkeys(("state", "kind", "weighs", "method", "reason"), str),
+    "specimens": _specimens,
+}
 
 
 @router.get(PATH)

@@ -3,26 +3,36 @@
 import re
 import uuid
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
-from app.dashboard.addresses import study_address
-from app.dashboard.data_pages.flat_file import csv_file
-from app.dashboard.food_pages.vessel_drawing import vessel_drawing
-from app.dashboard.forms import Fields, form_values, read_form, take_version, wrong_fields
-from app.dashboard.meal_pages.line_fields import WrongFieldError, lines, number, read_fields, shown
-from app.dashboard.page import CurrentPage, Page
-from app.people.access.page_rules import STUDY_PAGES
+from app.dashboard.forms import (
+    Fields,
+    WrongFieldError,
+    form_values,
+    lines,
+    number,
+    read_fields,
+    read_form,
+    shown,
+    take_version,
+    wrong_fields,
+)
+from app.dashboard.page import CurrentPage, Page, csv_file
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.vessels import study_vessels
 from app.vessels.api import render_vessel, vessel_author
 from app.vessels.schemas import VesselChangeIn, VesselIn, VesselOut
 from app.vessels.study_vessels import VesselView
 from app.vessels.vessel_measures import measured_vessel
-from app.vision.vessel_library import VESSEL_KINDS
+from app.vision.vessel_frustum import frustum_floor_mm
+from app.vision.vessel_library import VESSEL_KINDS, VesselModel
 
+MARGIN_MM = 4.0
 router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/vessels"
@@ -30,6 +40,56 @@ ROWS_A_PAGE = 100
 NUMBERS = ("rim_diameter_mm", "height_mm", "capacity_ml", "fill_line_mm", "fill_line_ml")
 CursorIn = Annotated[str | None, Query(max_length=600)]
 _BETWEEN = re.compile(r"\s*[,;]\s*|\s+")
+
+
+@dataclass(frozen=True, slots=True)
+class VesselDrawing:
+    """Millimetres, x to the right from the vessel's left edge, y downwards.
+
+    points: of an SVG polyline. is_measured: the profile was measured, not derived from the capacity. line_y: the fill
+    line's, if there is one.
+    """
+
+    width_mm: float
+    height_mm: float
+    points: str
+    is_measured: bool
+    line_y: float | None
+
+
+def vessel_drawing(model: VesselModel, fill_line_mm: float | None = None) -> VesselDrawing | None:
+    """Return the side view; None if no frustum holds as little as the capacity, such as of a plate with a broad rim."""
+    profile = model.inside_profile_mm or _frustum(model)
+    if profile is None:
+        return None
+    widest_mm = max(radius for radius, _ in profile)
+    top_mm = max(height for _, height in profile)
+    middle_mm = widest_mm + MARGIN_MM
+    right = [(middle_mm + radius, MARGIN_MM + top_mm - height) for radius, height in profile]
+    left = [(2 * middle_mm - x, y) for x, y in reversed(right)]
+    return VesselDrawing(
+        width_mm=2 * middle_mm,
+        height_mm=top_mm + 2 * MARGIN_MM,
+        points=" ".join(f"{x:.1f},{y:.1f}" for x, y in (*left, *right)),
+        is_measured=bool(model.inside_profile_mm),
+        line_y=MARGIN_MM + top_mm - fill_line_mm if fill_line_mm is not None else None,
+    )
+
+
+def _frustum(model: VesselModel) -> tuple[tuple[float, float], ...] | None:
+    if model.capacity_ml is None:
+        return None
+    floor_mm = frustum_floor_mm(
+        rim_diameter_mm=model.rim_diameter_mm,
+        height_mm=model.height_mm,
+        level_mm=model.height_mm,
+        volume_ml=model.capacity_ml,
+    )
+    return (
+        ((floor_mm, 0.0), (model.rim_diameter_mm / 2, model.height_mm))
+        if floor_mm is not None
+        else None
+    )
 
 
 @router.get(PATH)

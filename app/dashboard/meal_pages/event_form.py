@@ -9,7 +9,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.core.errors import InvalidInputError
-from app.dashboard.meal_pages.line_fields import with_point
+from app.dashboard.forms import with_point
 from app.dashboard.refusals import sentence
 from app.records.review.schemas import AnyEventIn, EventIn
 

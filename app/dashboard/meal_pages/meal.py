@@ -2,30 +2,25 @@
 
 import hashlib
 import uuid
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import timedelta
-from typing import Annotated, Literal, TypedDict
+from typing import Annotated, Literal, TypedDict, TypeVar
 
 from fastapi import APIRouter, Form, Header, Query
 from starlette.responses import HTMLResponse, Response, StreamingResponse
 
 from app.core.errors import InvalidInputError, TadaError
-from app.dashboard.addresses import study_address
 from app.dashboard.meal_pages.event_form import HAND_LABELS, EventForm
 from app.dashboard.meal_pages.event_form import LABELS as FIELD_LABELS
 from app.dashboard.meal_pages.flag_words import doubts_of, flag_meaning
-from app.dashboard.meal_pages.meal_figures import (
-    FIGURES,
-    as_runs,
-    headline,
-    label_place,
-    outline_path,
-)
 from app.dashboard.meal_pages.meal_timeline import TITLES, Entry, event_entry, food_names, timeline
 from app.dashboard.page import CurrentPage, Page
+from app.foods.schemas import NutrientAmount, NutrientTotal
 from app.meals.stored.item_state import REPLACED, UNDONE
 from app.meals.upload import read_api as meals
-from app.people.access.page_rules import MEAL
+from app.nutrition.components import HEADLINES
+from app.people.access.page_rules import MEAL, study_address
 from app.photos.slots import SLOTS, PhotographSlot, VoiceSlot
 from app.privacy.erase import Eraser
 from app.records import serve_photo as photographs
@@ -33,9 +28,73 @@ from app.records.read_meal import read_meal
 from app.records.render import render_meal, tagged_meal
 from app.records.review.meal_history import MealStory, read_story
 
+Nutrient = TypeVar("Nutrient", NutrientAmount, NutrientTotal)
+Rings = Sequence[Sequence[tuple[float, float]]]
+
+# picture of a step -> (title, what it shows)
+FIGURES: Mapping[str, tuple[str, str]] = {
+    "overlay.jpg": (
+        "Outlines",
+        "The left photograph with the outline and the volume of each food.",
+    ),
+    "matches.jpg": (
+        "Matches",
+        "Both photographs side by side; lines join matching points, bold lines those of the fundamental matrix.",
+    ),
+    "rectified_by_f.jpg": (
+        "Rectified by the fundamental matrix",
+        "The paper's rectification: matching points lie on the same green row of both pictures.",
+    ),
+    "rectified.jpg": (
+        "Rectified by the poses",
+        "The pair from which depth is measured: matching points lie on the same green row of both pictures.",
+    ),
+    "disparity.jpg": (
+        "Disparity",
+        "The left rectified picture and each pixel's disparity: blue is far, red is near, black is not matched.",
+    ),
+    "points.jpg": (
+        "Points",
+        "The foods' points from the side: measured points in colour, the completed hidden side in grey.",
+    ),
+    "slices.jpg": (
+        "Slices",
+        "The foods from above, a circle or ellipse for each slice, coloured by its height.",
+    ),
+    "topview.jpg": ("From above", "The scene as seen straight from above, in the table's plane."),
+}
 router = APIRouter(include_in_schema=False)
 
 GONE = frozenset({REPLACED, UNDONE})  # flags of items that other items replace
+
+
+def outline_path(rings: Rings) -> str:
+    """Return rings as an SVG path; holes by the even-odd rule."""
+    return " ".join(
+        "M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in ring) + " Z"
+        for ring in rings
+        if len(ring) > 0
+    )
+
+
+def label_place(rings: Rings) -> tuple[float, float] | None:
+    """Return the position of an item's number: the mean of its outer ring's corners; None without an outline."""
+    if not rings or not rings[0]:
+        return None
+    xs, ys = [x for x, _ in rings[0]], [y for _, y in rings[0]]
+    return sum(xs) / len(xs), sum(ys) / len(ys)
+
+
+def headline(nutrients: Iterable[Nutrient]) -> list[Nutrient]:
+    """Return the headline components, energy first."""
+    by_number = {nutrient.number: nutrient for nutrient in nutrients}
+    headlines = [headline.best_of(by_number) for headline in HEADLINES]
+    return [nutrient for nutrient in headlines if nutrient is not None]
+
+
+def as_runs(digest: str) -> list[str]:
+    """Split a checksum into groups of eight characters, which are easier to compare."""
+    return [digest[start : start + 8] for start in range(0, len(digest), 8)]
 
 
 @router.get(MEAL)

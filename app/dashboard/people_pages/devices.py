@@ -1,4 +1,4 @@
-"""The participants' phones, and the sheets that enrol them: one-time codes as QR codes to print."""
+"""The participants' phones, and what is printed for them: sheets of enrolment codes, and the marker as a PDF."""
 
 import uuid
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ from markupsafe import Markup
 from starlette.responses import Response
 
 from app.core.errors import InvalidInputError, NotFoundError
-from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.messages.catalogue import catalogue
 from app.people import devices, participants
-from app.people.access.page_rules import PREFIX
+from app.people.access.page_rules import PREFIX, study_address
 from app.people.enrol import issue_enrolment_code
 from app.people.enrolment_qr import capture_link, enrolment_text, qr_svg
+from app.vision.marker_spec import DEFAULT_MARKER, FORMS, USUAL, parse_marker
 
 router = APIRouter(include_in_schema=False)
 
@@ -26,6 +26,8 @@ PATH = f"{PREFIX}/studies/{{study}}/devices"
 ENROL = f"{PREFIX}/studies/{{study}}/enrol"
 DEVICES_A_PAGE = 100
 MOST_CARDS = 60  # a sheet
+
+Marker = Annotated[str, Query(max_length=64)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,3 +121,21 @@ def _why_no_card(page: Page, study: str, code: str) -> str | None:
     except NotFoundError as error:
         return error.message
     return "This participant has left the study." if participant.withdrawn_at is not None else None
+
+
+@router.get(f"{PREFIX}/marker")
+def get_marker(page: CurrentPage, marker: Marker = DEFAULT_MARKER) -> Response:
+    """The choice of a marker, and what to check after printing."""
+    return page.render("marker.html", marker=str(parse_marker(marker)), usual=USUAL, forms=FORMS)
+
+
+@router.get(f"{PREFIX}/marker.pdf")
+def get_marker_pdf(page: CurrentPage, marker: Marker) -> Response:
+    """The marker as a PDF."""
+    from app.people.print_marker import render_marker_pdf  # noqa: PLC0415  # the PDF writer is only loaded if used
+
+    del page  # only requires a session
+    spec = parse_marker(marker)
+    name = str(spec).replace(":", "-").replace("=", "-")
+    headers = {"Content-Disposition": f'attachment; filename="marker-{name}.pdf"'}
+    return Response(render_marker_pdf(spec), media_type="application/pdf", headers=headers)

@@ -8,9 +8,7 @@ from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.addresses import study_address
-from app.dashboard.forms import Fields, form_values, read_form, take_version
-from app.dashboard.meal_pages.line_fields import with_point
+from app.dashboard.forms import Fields, form_values, read_form, take_version, with_point
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.feedback import read_feedback
@@ -22,7 +20,7 @@ from app.http.parameters import LastDay
 from app.http.row_filter import RowFilter
 from app.nutrition.components import HEADLINES
 from app.people import devices, participants
-from app.people.access.page_rules import STUDY_PAGES
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.people.participants_api import change_of
 from app.people.profiles import PROFILE_KEYS
 from app.people.schemas import ParticipantPatch

@@ -14,9 +14,12 @@ from app.core.errors import ConflictError
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.people_pages.devices import MOST_CARDS
+from app.diary import api as diary_api
 from app.diary import day_summaries
 from app.diary.adequacy import find_component, judge_study
 from app.diary.schemas import AdequacyOut
+from app.exports.lists import days_api
+from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
 from app.nutrition.components import HEADLINES
@@ -25,7 +28,7 @@ from app.people.access.page_rules import STUDY_PAGES
 from app.people.access.secret_box import SecretBox
 from app.people.schemas import ParticipantIn
 
-router = APIRouter(include_in_schema=False)
+router = APIRouter(include_in_schema=False, route_class=ListRoute)
 
 PARTICIPANTS_A_PAGE = 100
 NO_CODES: Mapping[str, Sequence[str]] = MappingProxyType({})
@@ -41,6 +44,10 @@ _RANGE = re.compile(
 )
 
 ComponentIn = Annotated[str, Query(max_length=64)]
+
+# the API's lists as files
+router.add_api_route(f"{STUDY_PAGES}/files/intakes", days_api.get_intakes, methods=["GET"])
+router.add_api_route(f"{STUDY_PAGES}/files/adequacy", diary_api.get_adequacy, methods=["GET"])
 
 
 @router.get(f"{STUDY_PAGES}/participants")

@@ -7,12 +7,11 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.addresses import study_address
 from app.dashboard.forms import Fields, form_values, read_form, take_version, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.outbox.models import ALL_EVENTS, EVENTS
-from app.people.access.page_rules import PREFIX
+from app.people.access.page_rules import PREFIX, study_address
 from app.people.access.secret_box import SecretBox
 from app.webhooks.schemas import WebhookIn
 from app.webhooks.webhooks import IssuedSecret, Webhooks

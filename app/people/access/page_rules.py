@@ -7,7 +7,7 @@ poll do not keep a session alive.
 
 from collections.abc import Mapping
 from typing import Final
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 from starlette.requests import Request
 
@@ -202,3 +202,8 @@ def require_own_page(request: Request, settings: Settings) -> None:
         raise NotAllowedError(
             "This change did not come from a page of this server.", code="cross_site"
         )
+
+
+def study_address(study: str, *parts: object) -> str:
+    """Return the address of a study's page. parts: path segments below the study, such as "participants", "P001"."""
+    return "/".join([f"{PREFIX}/studies", *[quote(str(part), safe="") for part in (study, *parts)]])

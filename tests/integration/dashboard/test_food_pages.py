@@ -4,8 +4,8 @@ import csv
 import io
 import re
 
-from app.dashboard.data_pages.flat_file import csv_file
 from app.dashboard.food_pages.foods import FoodRow
+from app.dashboard.page import csv_file
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 

@@ -6,7 +6,7 @@ from datetime import UTC, datetime, timedelta
 import sqlalchemy as sa
 
 from app.dashboard import menus
-from app.dashboard.people_pages.sign_in import safe_path
+from app.dashboard.people_pages.account import safe_path
 from app.dashboard.templates import static
 from app.people.access.caller import SESSION_IDLE
 from app.people.access.page_rules import PAGES

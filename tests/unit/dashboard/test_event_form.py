@@ -6,8 +6,8 @@ import uuid
 import pytest
 
 from app.core.errors import InvalidInputError
+from app.dashboard.forms import WrongFieldError, number
 from app.dashboard.meal_pages.event_form import EventForm, event_of
-from app.dashboard.meal_pages.line_fields import WrongFieldError, number
 
 RINGS = [[[0.5, 0.0], [90.25, 0.0], [90.0, 90.0]], [[20.5, 20.5], [20.5, 60.0], [60.0, 60.0]]]
 HAND = {"section": "prism", "x_mm": "80.5", "y_mm": "-12", "length_mm": "100", "width_mm": "60", "height_mm": "30"}
