@@ -66,19 +66,15 @@ from app.operations.prepare import prepare_patiently
 from app.operations.prepare_apart import prepare_apart
 from app.people import calibrations_api as calibrations
 from app.people import devices_api as devices
-from app.people import enrolments_api as enrolments
 from app.people import participants_api as participants
 from app.people import studies_api as studies
 from app.people.access import audit_api as audit
-from app.people.access import sessions_api as sessions
 from app.people.access import staff_api as staff
-from app.people.access import study_members_api as study_members
-from app.people.access import tokens_api as tokens
 from app.people.access.access_rules import RULES, authorise
 from app.people.access.last_use import LastUse
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import open_secret_box
-from app.people.access.sign_in_limits import SignInLimits
+from app.people.access.sign_in import SignInLimits
 from app.people.access.web_origins import REQUEST_HEADERS, WEB_PATHS, WebOrigins
 from app.people.location_policy import FilesWithPlaces
 from app.privacy import me_api as me_privacy
@@ -217,12 +213,8 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         foods,
         food_edits,
         reference_intakes,
-        enrolments,
-        sessions,
-        tokens,
         staff,
         studies,
-        study_members,
         participants,
         devices,
         study_densities,

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from app.nutrition.specimens import Specimen, median_density
+from app.nutrition.portion_density import Specimen, median_density
 
 VOLUME_STEP_ML = 10.0
 POSSIBLE_FRUIT_G_PER_ML = (0.65, 1.15)

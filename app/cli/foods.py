@@ -109,8 +109,8 @@ def foods_import(
     ] = None,
 ) -> None:
     """Import a published food table: validate it, write it, put it in force. Importing it again changes nothing."""
+    from app.foods.food_releases import read_food_release
     from app.foods.import_foods import import_foods
-    from app.foods.read_food_release import read_food_release
 
     print(f"reading {path} ...", file=sys.stderr, flush=True)
     imported = read_food_release(

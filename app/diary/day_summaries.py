@@ -20,7 +20,7 @@ from app.http.row_filter import RowFilter
 from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import Meal
 from app.nutrition.components import HEADLINE_COLUMNS
-from app.nutrition.plausible_energy import Plausibility
+from app.nutrition.plausible import Plausibility
 from app.people.access.caller import Caller, visible_rows
 from app.people.models import Participant, Study
 from app.people.profiles import Profile

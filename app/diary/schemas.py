@@ -23,7 +23,7 @@ from app.nutrition.intakes.compare_intake import Kind
 from app.nutrition.intakes.compare_intake import Verdict as Comparison
 from app.nutrition.intakes.life_stage import LifeStage
 from app.nutrition.intakes.reference_intakes import Per
-from app.nutrition.plausible_energy import Verdict, WhyUnknown
+from app.nutrition.plausible import Verdict, WhyUnknown
 from app.people.models import Locale
 
 NoComparison = Literal["days_needed", "profile_needed"]

@@ -7,7 +7,7 @@ from app.diary.day_definition import FULL
 from app.diary.queries import DayRow
 from app.nutrition.intakes.energy_requirement import Person, basal_metabolic_rate
 from app.nutrition.intakes.life_stage import LifeStage, Sex, life_stage
-from app.nutrition.plausible_energy import Plausibility, judge_energy
+from app.nutrition.plausible import Plausibility, judge_energy
 from app.people.profiles import Profile, person_at_age
 
 

@@ -19,7 +19,7 @@ from duckdb.sqltypes import DOUBLE, VARCHAR, DuckDBPyType
 
 from app.diary.study_days import judge_days
 from app.nutrition.components import HEADLINES
-from app.nutrition.plausible_energy import Plausibility
+from app.nutrition.plausible import Plausibility
 from app.photos.slots import SLOTS
 
 MEMORY = "400MB"

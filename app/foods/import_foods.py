@@ -29,8 +29,8 @@ from app.foods.models import (
     FoodPortion,
     FoodRelease,
 )
-from app.foods.search.index_foods import index_foods, is_code
 from app.foods.search.models import FoodCode, FoodPosting
+from app.foods.search.queries import index_foods, is_code
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.foods import Food as FoodValue
 from app.nutrition.foods import load_starter_table, starter_checksum

@@ -8,9 +8,8 @@ from pydantic import BaseModel, Field
 from app.core.units import Unit
 from app.http.field_descriptions import NUMBER
 from app.nutrition.intakes.energy_requirement import Energy, LeftOut
-from app.nutrition.intakes.food_groups import Basis, FoodGroup
 from app.nutrition.intakes.life_stage import LifeStage
-from app.nutrition.intakes.reference_intakes import Per, UlScope
+from app.nutrition.intakes.reference_intakes import Basis, FoodGroup, Per, UlScope
 
 
 class ReferenceIntakeOut(BaseModel):

@@ -16,9 +16,12 @@ from app.nutrition.intakes.energy_requirement import (
     basal_metabolic_rate,
     estimated_energy_requirement,
 )
-from app.nutrition.intakes.food_groups import recommendations
 from app.nutrition.intakes.life_stage import MAX_AGE_YEARS, Sex, life_stage
-from app.nutrition.intakes.reference_intakes import distribution_ranges, reference_intakes
+from app.nutrition.intakes.reference_intakes import (
+    distribution_ranges,
+    recommendations,
+    reference_intakes,
+)
 from app.people.access.deps import CurrentCaller
 
 router = APIRouter(prefix="/v1/reference-intakes", tags=["reference intakes"])

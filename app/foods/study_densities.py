@@ -13,7 +13,7 @@ from app.foods.foods import require_food
 from app.foods.models import StudyDensity
 from app.nutrition.foods import Density
 from app.nutrition.plausible import MAX_G_PER_ML, MIN_G_PER_ML
-from app.nutrition.specimens import Specimen, median_density
+from app.nutrition.portion_density import Specimen, median_density
 from app.people.access.audit import note
 from app.people.studies import load_study
 

@@ -6,16 +6,23 @@ implies a definition, so similar components are kept apart: CHOCDF (carbohydrate
 CHOAVL (available), FOL (total folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
 """
 
+import csv
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from importlib import resources
 from types import MappingProxyType
 from typing import Final, TypeVar
 
 from app.core.units import Unit
-from app.nutrition.packaged_rows import packaged_rows
 
 T = TypeVar("T")
+
+
+def packaged_rows(*path: str) -> list[dict[str, str]]:
+    """Return the rows of a CSV file by column. path: below app/nutrition."""
+    text = resources.files("app.nutrition").joinpath(*path).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,13 +1,18 @@
-"""Densities from household volumes: the kind and state that a portion's text states, and a food group's median.
+"""Densities from household volumes and from weighed specimens.
 
-A portion counts only for the kind that its text states: mashed, pureed and melted food and the cubic inch give the
-density of the food itself, chopped and sliced food that of a heap. Portion weights are of edible food, so a heap's
-density is of its edible part.
+A household measure, such as "1 cup, sliced" of 109 g, counts only for the kind that its text
+states: mashed, pureed and melted food and the cubic inch give the density of the food itself,
+chopped and sliced food that of a heap. Portion weights are of edible food, so a heap's density is
+of its edible part.
+
+Specimens are a study's own measurements, and those of ECUSTFD (tools/ecustfd.py).
 """
 
+import math
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from app.core.units import Unit
 from app.nutrition.density import KIND_OF_FORM
@@ -168,3 +173,39 @@ def is_possible(g_per_ml: float) -> bool:
 
 def _is_small(portion: Portion) -> bool:
     return portion.volume is not None and portion.volume[1] in SMALL_UNITS
+
+
+@dataclass(frozen=True, slots=True)
+class Specimen:
+    """One measured piece of food. Raises ValueError unless volume and mass are positive and finite."""
+
+    name: str
+    volume_ml: float
+    mass_g: float
+
+    def __post_init__(self) -> None:
+        if not (0.0 < self.volume_ml < math.inf and 0.0 < self.mass_g < math.inf):
+            raise ValueError(f"invalid specimen: {self.mass_g} g in {self.volume_ml} ml")
+
+    @property
+    def g_per_ml(self) -> float:
+        """Return the density."""
+        return self.mass_g / self.volume_ml
+
+
+def median_density(specimens: Sequence[Specimen], *, volume_step_ml: float) -> tuple[float, float]:
+    """Return (median density, standard deviation of another specimen from it), g/ml.
+
+    The spread is the specimens' standard deviation, but at least the error of rounding their volumes to steps of
+    volume_step_ml (uniform, step / sqrt(12) of the mean volume). Raises ValueError if there are fewer than two.
+    """
+    if len(specimens) < 2:
+        raise ValueError(f"{len(specimens)} specimens; a spread needs two")
+    densities = [specimen.g_per_ml for specimen in specimens]
+    g_per_ml = statistics.median(densities)
+    rounding = (
+        volume_step_ml
+        / math.sqrt(12.0)
+        / statistics.fmean(specimen.volume_ml for specimen in specimens)
+    )
+    return g_per_ml, max(statistics.stdev(densities), rounding * g_per_ml)

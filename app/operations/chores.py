@@ -10,7 +10,7 @@ from app.jobs.chores import Chore
 from app.meals.upload.after_meal import end_due_windows
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
-from app.people.access.sign_in_limits import forget_attempts
+from app.people.access.sign_in import forget_attempts
 from app.privacy import orphan_rounds
 from app.privacy.delete_blobs import BlobDeleter
 from app.privacy.erase import Eraser

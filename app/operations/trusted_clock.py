@@ -16,7 +16,7 @@ from app.db.session import Database
 from app.metrics import instruments
 from app.operations import doctor_queries
 from app.operations.figure_queries import database_now
-from app.people.deployment_queries import locked_deployment
+from app.people.privacy_queries import locked_deployment
 
 log = structlog.get_logger()
 

@@ -1,9 +1,17 @@
-"""Enrol a participant's phone: issue a one-time code and exchange it once for a token."""
+"""Enrol a participant's phone: a one-time code, as text or QR code, is exchanged once for a token.
 
+For an app the QR code's text is JSON, not a link: another app can intercept a link, and links end up in histories
+and logs. For a browser it is a link to the capture page. The code stands after the #, which no browser sends to a
+server, and the page removes it from the address at once.
+"""
+
+import io
+import json
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
+import segno
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError, NotFoundError
@@ -18,6 +26,8 @@ from app.people.participants import require_participant
 
 ENROLMENT_VALID = timedelta(days=7)
 SANDBOX_ENROLMENT_VALID = timedelta(days=36_525)  # a century
+SCALE = 8  # pixels per module of the PNG: about 400 pixels per side, sharp on a screen
+ERROR_LEVEL = "m"  # up to 15 % may be covered: fingers, glare, a fold
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,3 +153,33 @@ def _add_device(
     phone = DeviceCaller(row.id, participant.id, participant.study_id, participant.alias)
     note(session, phone, "device.enrol", subject=participant.alias)
     return row.id
+
+
+def enrolment_text(server: str, code: str) -> str:
+    """Return the QR code's text: {"tada": 1, "server": "https://...", "code": "..."}; tada: version of the format."""
+    return json.dumps(
+        {"tada": 1, "server": server, "code": code}, separators=(",", ":"), ensure_ascii=False
+    )
+
+
+def capture_link(server: str, code: str) -> str:
+    """Return the link by which the capture page enrols a phone's browser."""
+    return f"{server}/capture/#code={code}"
+
+
+def qr_svg(text: str) -> str:
+    """Draw a QR code as SVG to embed in a page, without a size of its own, with its quiet zone."""
+    buffer = io.BytesIO()
+    _qr(text).save(buffer, kind="svg", omitsize=True, xmldecl=False, light="#fff")
+    return buffer.getvalue().decode()
+
+
+def qr_png(text: str) -> bytes:
+    """Draw a QR code as PNG, black on white with its quiet zone."""
+    buffer = io.BytesIO()
+    _qr(text).save(buffer, kind="png", scale=SCALE)
+    return buffer.getvalue()
+
+
+def _qr(text: str) -> segno.QRCode:
+    return segno.make_qr(text, error=ERROR_LEVEL, boost_error=False)

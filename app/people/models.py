@@ -191,7 +191,7 @@ class AccessToken(Base):
 
 
 class SignInAttempt(Base):
-    """A try to sign in, for limits that all processes count together (people/access/sign_in_limits.py).
+    """A try to sign in, for limits that all processes count together (people/access/sign_in.py).
 
     name_digest, address_digest: HMACs, which only this server can compute.
     """

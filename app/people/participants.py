@@ -19,8 +19,8 @@ from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_queries import join_participant
 from app.people.profiles import PROFILE_KEYS, Profile, person_at_age
-from app.people.spent_codes import is_code_spent
 from app.people.studies import load_study
+from app.people.tombstones import is_code_spent
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,15 @@ import sqlalchemy as sa
 from sqlalchemy.orm import InstrumentedAttribute, Session
 
 from app.people.models import AccessToken, Device, Enrolment, Participant, PushSubscription, Study
-from app.people.privacy_models import ActorKind, AuditEvent, BlobDeletion, ErasureReceipt, Tombstone
+from app.people.privacy_models import (
+    DEPLOYMENT,
+    ActorKind,
+    AuditEvent,
+    BlobDeletion,
+    Deployment,
+    ErasureReceipt,
+    Tombstone,
+)
 
 IN_A_STATEMENT = 500  # values in one IN (...); SQLite takes 32,766
 
@@ -209,3 +217,24 @@ def _among(
         part = ordered[start : start + IN_A_STATEMENT]
         present.update(session.scalars(sa.select(column).where(column.in_(part), *where)))
     return present
+
+
+def locked_deployment(session: Session) -> Deployment:
+    """Return the row, locked until the transaction ends."""
+    return session.get_one(Deployment, DEPLOYMENT, with_for_update=True, populate_existing=True)
+
+
+def clock_doubted_seconds(session: Session) -> float:
+    """Return how long the workers must still run until the clock is trusted; 0: it is trusted."""
+    return session.get_one(Deployment, DEPLOYMENT).clock_doubted_seconds
+
+
+def key_check(session: Session) -> str | None:
+    """Return the digest by the secret key that the database was first used with; None: by none yet."""
+    return session.scalar(sa.select(Deployment.key_check))
+
+
+def keep_key_check(session: Session, check: str) -> None:
+    """Keep the digest unless another process has kept one meanwhile."""
+    deployment = locked_deployment(session)
+    deployment.key_check = deployment.key_check or check

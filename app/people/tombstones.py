@@ -1,6 +1,10 @@
-"""Erased participants and meals, remembered by digests that identify nobody."""
+"""What is remembered of erased participants and meals: digests that identify nobody.
+
+A spent code cannot be used again in its study: data that were pulled under it could belong to two persons.
+"""
 
 import uuid
+from datetime import datetime
 from typing import Literal
 
 from sqlalchemy.orm import Session
@@ -8,7 +12,8 @@ from sqlalchemy.orm import Session
 from app.core.errors import GoneError
 from app.people import queries as people
 from app.people.access.secret_box import SecretBox
-from app.people.models import WithdrawalPolicy
+from app.people.models import Participant, WithdrawalPolicy
+from app.people.privacy_models import SpentCode
 
 Kind = Literal["participant", "meal"]
 MEAL_NAMESPACE = uuid.UUID(
@@ -38,3 +43,20 @@ def require_not_deleted(session: Session, box: SecretBox, meal_id: uuid.UUID) ->
 def meal_id_of(participant_id: uuid.UUID, client_id: uuid.UUID) -> uuid.UUID:
     """Derive a meal's internal id from the participant's id and the phone's, so that repeated uploads share a row."""
     return uuid.uuid5(MEAL_NAMESPACE, f"{participant_id}/{client_id}")
+
+
+def spend_code(session: Session, box: SecretBox, participant: Participant, now: datetime) -> None:
+    """Store the digest of a participant's code; call it before the row loses the code."""
+    digest = _code_digest(box, participant.code)
+    if session.get(SpentCode, (participant.study_id, digest)) is None:
+        session.add(SpentCode(study_id=participant.study_id, digest=digest, spent_at=now))
+        session.flush()
+
+
+def is_code_spent(session: Session, box: SecretBox, study_id: uuid.UUID, code: str) -> bool:
+    """Whether the code belonged to a participant who was erased or anonymised."""
+    return session.get(SpentCode, (study_id, _code_digest(box, code))) is not None
+
+
+def _code_digest(box: SecretBox, code: str) -> str:
+    return box.digest("participant.code", code)

@@ -24,9 +24,8 @@ from app.people.access.caller import Caller, DeviceCaller, StaffCaller
 from app.people.models import WITHDRAWAL_POLICIES, Enrolment, Participant, Study
 from app.people.participants import withdrawn_error
 from app.people.privacy_models import ErasureReceipt
-from app.people.spent_codes import spend_code
 from app.people.studies import enter_study
-from app.people.tombstones import digest_of
+from app.people.tombstones import digest_of, spend_code
 from app.privacy import queries as privacy
 from app.privacy.announce import announce_withdrawal
 from app.privacy.erase import (

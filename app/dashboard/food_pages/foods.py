@@ -17,8 +17,7 @@ from app.foods.foods import FoodView, read_food
 from app.foods.models import Component as ComponentRow
 from app.foods.queries import NutrientRow
 from app.foods.schemas import FoodMatch, NutrientOut
-from app.foods.search.list_foods import ListedFood, list_foods
-from app.foods.search.search_foods import food_groups
+from app.foods.search.search_foods import ListedFood, food_groups, list_foods
 from app.nutrition.components import (
     COMPONENT_BY_NUMBER,
     COMPONENTS,

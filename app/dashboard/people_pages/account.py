@@ -25,7 +25,7 @@ from app.people.access import access_tokens, sign_in
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import PREFIX, is_https, session_cookie
 from app.people.access.passwords import Passwords
-from app.people.access.sign_in_limits import SignInLimits
+from app.people.access.sign_in import SignInLimits
 from app.people.access.staff_schemas import PasswordChangeIn, TokenIn
 from app.people.studies import list_study_codes
 

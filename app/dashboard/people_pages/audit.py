@@ -9,8 +9,7 @@ from starlette.responses import Response
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.http.parameters import FirstDay, LastDay
-from app.people.access.audit_api import audit_file
-from app.people.access.audit_log import read_audit
+from app.people.access.audit_api import audit_file, read_audit
 from app.people.access.page_rules import PREFIX
 from app.people.privacy_queries import AuditFilter
 from app.privacy.audit_names import names_of_aliases

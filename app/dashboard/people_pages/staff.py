@@ -7,7 +7,7 @@ from app.core.errors import ConflictError, InvalidInputError, NotFoundError, Una
 from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
-from app.people.access import staff, study_members
+from app.people.access import staff
 from app.people.access.page_rules import PREFIX, study_address
 from app.people.access.passwords import Passwords
 from app.people.access.staff_schemas import MemberIn, StaffIn, StaffPatch
@@ -90,7 +90,7 @@ def post_member(page: CurrentPage, study: str, fields: Fields) -> Response:
     name = values.get("name", "")
     try:
         body = read_form(MemberIn, {"role": values.get("role", "")})
-        study_members.set_member(page.state.database, page.caller, study, name, body.role)
+        staff.set_member(page.state.database, page.caller, study, name, body.role)
     except (NotFoundError, ConflictError, InvalidInputError) as error:
         return _members(page, study, None, values, wrong_fields(error, "name"), status=error.status)
     return page.redirect(study_address(study, "members"), f"{name} now has the role {body.role}.")
@@ -100,7 +100,7 @@ def post_member(page: CurrentPage, study: str, fields: Fields) -> Response:
 def post_removal(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Remove a staff member from the study."""
     name = form_values(fields).get("name", "")
-    study_members.remove_member(page.state.database, page.caller, study, name)
+    staff.remove_member(page.state.database, page.caller, study, name)
     return page.redirect(
         study_address(study, "members"), f"{name} was removed from the study's staff."
     )
@@ -114,9 +114,7 @@ def _members(
     wrong: dict[str, str],
     status: int = 200,
 ) -> Response:
-    members = study_members.list_members(
-        page.state.database, study, cursor=cursor, limit=MEMBERS_A_PAGE
-    )
+    members = staff.list_members(page.state.database, study, cursor=cursor, limit=MEMBERS_A_PAGE)
     return page.render(
         "members.html",
         status=status,

@@ -29,8 +29,8 @@ from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.problems import problem_responses
 from app.nutrition.foods import Density, RefusePart
+from app.nutrition.portion_density import Specimen
 from app.nutrition.portions import Portion
-from app.nutrition.specimens import Specimen
 from app.people.access.deps import CurrentStaff, State
 
 router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)

@@ -13,7 +13,7 @@ from datetime import date
 from pathlib import Path
 from types import MappingProxyType
 
-from app.foods.importers.fdc_portions import portion_of
+from app.foods.importers.fdc_portions import group_of_category, is_mixed_category, portion_of
 from app.foods.importers.imported import (
     MAX_GROUP,
     MAX_NAME,
@@ -25,11 +25,9 @@ from app.foods.importers.imported import (
     unit_of,
 )
 from app.foods.importers.source_files import ImportFileError, SourceFiles
-from app.foods.importers.wweia import group_of_category, is_mixed_category
 from app.nutrition.components import Component
 from app.nutrition.foods import Food, FoodState, FoodTable
-from app.nutrition.group_density import starter_foods_by_ndb, with_group_medians
-from app.nutrition.kind_density import kind_density
+from app.nutrition.group_density import kind_density, starter_foods_by_ndb, with_group_medians
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
 from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_state

@@ -1,11 +1,17 @@
-"""Convert a row of FoodData Central's food_portion.csv to a household measure.
+"""Rows of FoodData Central's food_portion.csv as household measures; WWEIA's food categories.
 
-The three data sets express "1 cup, chopped" in three ways. Foundation: amount 1, unit "cup", modifier "chopped". SR
-Legacy: amount 1, no unit, modifier "cup, chopped". FNDDS: no amount, no unit, description "1 cup, chopped", and as
-modifier a code.
+The three data sets express "1 cup, chopped" in three ways. Foundation: amount 1, unit "cup",
+modifier "chopped". SR Legacy: amount 1, no unit, modifier "cup, chopped". FNDDS: no amount, no
+unit, description "1 cup, chopped", and as modifier a code.
+
+What We Eat in America's categories tell which foods are mixed dishes, and the group by which the
+form is inferred. Their four digits are ordered: 1000s milk and dairy, 2000s protein foods, 3000s
+mixed dishes, 4000s grains, 5000s snacks and sweets, 6000s fruits and vegetables, 7000s beverages,
+8000s fats, condiments and sugars, 9000s infant foods.
 """
 
 import re
+from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 
 from app.foods.importers.imported import MAX_MEASURE, Skipped
@@ -24,6 +30,39 @@ NOT_EDIBLE = frozenset(
 _LEADING = re.compile(
     r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d+)/(?P<of>[1-9]\d*))?\s+(?=\S)"
 )
+# First code -> the group, by its name in usual_form.py.
+_GROUPS: tuple[tuple[int, str], ...] = (
+    (0, "Meals, Entrees, and Side Dishes"),
+    (1000, "Beverages"),
+    (1600, "Dairy and Egg Products"),
+    (2000, "Meat"),
+    (2500, "Dairy and Egg Products"),
+    (2600, "Sausages and Luncheon Meats"),
+    (2800, "Legumes and Legume Products"),
+    (2804, "Nut and Seed Products"),
+    (2806, "Legumes and Legume Products"),
+    (3000, "Meals, Entrees, and Side Dishes"),
+    (3800, "Soups, Sauces, and Gravies"),
+    (4000, "Cereal Grains and Pasta"),
+    (4200, "Baked Products"),
+    (4600, "Breakfast Cereals"),
+    (5000, "Snacks"),
+    (5200, "Baked Products"),
+    (5700, "Sweets"),
+    (6000, "Fruits and Fruit Juices"),
+    (6400, "Vegetables and Vegetable Products"),
+    (7000, "Beverages"),
+    (8000, "Fats and Oils"),
+    (8400, "Soups, Sauces, and Gravies"),
+    (8408, "Vegetables and Vegetable Products"),
+    (8410, "Soups, Sauces, and Gravies"),
+    (8800, "Sweets"),
+    (9000, "Baby Foods"),
+    (9200, "Beverages"),
+    (9800, "Snacks"),
+    (9999, "Meals, Entrees, and Side Dishes"),
+)
+_STARTS = [start for start, _ in _GROUPS]
 
 
 def portion_of(
@@ -73,3 +112,13 @@ def _leading_amount(description: str) -> tuple[float | None, str]:
     if match["part"]:
         amount += int(match["part"]) / int(match["of"])
     return amount, description[match.end() :]
+
+
+def group_of_category(code: int) -> str:
+    """Return the SR group by which the form of a food of this category is inferred."""
+    return _GROUPS[bisect_right(_STARTS, code) - 1][1]
+
+
+def is_mixed_category(code: int) -> bool:
+    """Return whether the category's foods are dishes of several foods (including sandwiches, pizza and soups)."""
+    return 3000 <= code <= 3999

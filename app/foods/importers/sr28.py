@@ -25,8 +25,7 @@ from app.foods.importers.imported import (
 )
 from app.foods.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.foods import Food, FoodTable, RefusePart
-from app.nutrition.group_density import starter_foods_by_ndb, with_group_medians
-from app.nutrition.kind_density import kind_density
+from app.nutrition.group_density import kind_density, starter_foods_by_ndb, with_group_medians
 from app.nutrition.portion_density import portion_densities
 from app.nutrition.portions import Portion
 from app.nutrition.usual_form import cup_kind, is_mixed_dish, is_served, usual_form, usual_state

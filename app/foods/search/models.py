@@ -27,7 +27,7 @@ class FoodCode(Base):
 
 
 class FoodWord(Base):
-    """A folded word, or a form of one, in a label of some food (nutrition/words.py)."""
+    """A folded word, or a form of one, in a label of some food (nutrition/search.py)."""
 
     __tablename__ = "food_word"
 

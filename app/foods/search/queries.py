@@ -1,6 +1,9 @@
-"""SQL of the food search: counts of words, words similar to a mistyped one, foods that have all words, by rank."""
+"""The index of the food search: its SQL, and adding foods to it.
 
-from collections.abc import Collection, Mapping, Sequence
+A food is found by its words, which have ranks; a mistyped word by its trigrams.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -11,9 +14,11 @@ from sqlalchemy.orm import Session, aliased
 from app.db.bulk import insert_rows
 from app.foods.models import Food
 from app.foods.search.models import FoodCode, FoodPosting, FoodWord, FoodWordTrigram
+from app.nutrition.search import posting_ranks, trigrams
 
 COUNTED = 2000  # postings; counting stops here
 _LAST = "\U0010ffff"  # behind every letter
+_KINDS = frozenset({"fdc_data_type", "sr28_figures"})  # source ids that name a food's data set
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,3 +234,43 @@ def add_words(session: Session, trigrams: Sequence[tuple[str, Collection[str]]])
             for trigram in sorted(word_trigrams)
         ],
     )
+
+
+def index_foods(session: Session, rows: Sequence[Food]) -> None:
+    """Add these foods' names and aliases to the index; the rows must have ids."""
+    ranks = [
+        (
+            row,
+            posting_ranks(
+                row.name, other_names(row.aliases, row.source_ids), row.food_group, row.state
+            ),
+        )
+        for row in rows
+    ]
+    new_words = {
+        word
+        for _, by_word in ranks
+        for word in by_word
+        if not word.endswith("*") and not word.isdigit()
+    }
+    missing = sorted(new_words - indexed_words(session, new_words))
+    add_words(session, [(word, trigrams(word)) for word in missing])
+    add_postings(session, ranks)
+
+
+def other_names(aliases: Sequence[str], source_ids: Mapping[str, object]) -> Iterator[str]:
+    """Yield a food's labels beside its name: aliases, and names in sources, which are stored with the source ids."""
+    yield from aliases
+    for system, name in source_ids.items():
+        if is_name(system):
+            yield str(name)
+
+
+def is_name(system: str) -> bool:
+    """Return whether the source id of this system is a display name, not a code."""
+    return system.endswith("_name")
+
+
+def is_code(system: str) -> bool:
+    """Return whether the source id of this system is a code of this food, not a name or a data set."""
+    return not is_name(system) and system not in _KINDS

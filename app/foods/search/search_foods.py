@@ -1,20 +1,26 @@
 """Search the food tables in force: query text -> foods, best first (docs/foods.md).
 
-Takes a few SQL statements whatever the size of the tables: count each word; find words similar to mistyped ones; read
-the best few hundred foods by the index's rank, which nutrition/search.py then ranks.
+Takes a few SQL statements whatever the size of the tables: count each word; find words similar to
+mistyped ones; read the best few hundred foods by the index's rank, which nutrition/search.py then
+ranks. For browsing each result comes with its energy and its density.
 """
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 from sqlalchemy.orm import Session
 
 from app.db.session import Database
-from app.foods.models import FoodRelease
+from app.foods import queries as foods
+from app.foods.food_values import bare_value, pooled_densities
+from app.foods.models import Food, FoodRelease
 from app.foods.queries import DENSITIES_ONLY, LOCAL, SAME_FOOD_SYSTEMS, releases_in_force
 from app.foods.search import queries as index
-from app.foods.search.index_foods import other_names
+from app.foods.search.queries import other_names
+from app.nutrition.components import ENERGY_NUMBERS
+from app.nutrition.density import resolve_density
+from app.nutrition.foods import Density
 from app.nutrition.search import (
     MAX_QUERY_WORDS,
     STARRED_LETTERS,
@@ -22,10 +28,14 @@ from app.nutrition.search import (
     Query,
     QueryWord,
     Ranked,
+    is_unspaced,
     may_be_begun,
     rank,
+    split_words,
+    trigrams,
+    typo_distance,
+    word_forms,
 )
-from app.nutrition.words import is_unspaced, split_words, trigrams, typo_distance, word_forms
 
 RANKED = 150  # foods that are ranked in full: the best by the index's rank
 SCANNED = 600  # foods of the rarest word that are scanned first
@@ -35,6 +45,7 @@ CORRECTIONS = 8  # most words that a mistyped one is corrected to
 _CURATED = (LOCAL, "csv", "starter")
 _CODE = re.compile(r"(?=.*[0-9])[0-9A-Za-z][0-9A-Za-z._-]{2,39}")
 _KEY = re.compile(r"[a-z0-9]+(?:[:-][a-z0-9_.]+)+")
+FOODS_AT_ONCE = 100  # foods per statement
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,3 +301,40 @@ def _match_row(
         release=releases[row.release_id].title,
         matched=matched,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ListedFood:
+    """A matched food. energy_kcal: of 100 g edible portion; density: the chosen one. None: not known."""
+
+    food: MatchedFood
+    energy_kcal: float | None
+    density: Density | None
+
+
+def list_foods(
+    database: Database, words: str | None = None, *, group: str | None = None, limit: int = 50
+) -> list[ListedFood]:
+    """Return the results of search_foods in their order, each with the energy and density that read_food returns."""
+    matches = search_foods(database, words, group=group, limit=limit)
+    keys = [food.key for food in matches]
+    figures: dict[str, tuple[float | None, Density | None]] = {}
+    with database.read() as session:
+        for start in range(0, len(keys), FOODS_AT_ONCE):
+            rows = list(foods.foods_by_key(session, keys[start : start + FOODS_AT_ONCE]).values())
+            figures |= dict(_figures(session, rows))
+    return [ListedFood(food, *figures.get(food.key, (None, None))) for food in matches]
+
+
+def _figures(
+    session: Session, rows: Sequence[Food]
+) -> Iterator[tuple[str, tuple[float | None, Density | None]]]:
+    densities = pooled_densities(session, rows)
+    contents = foods.contents_of(session, [row.id for row in rows], ENERGY_NUMBERS)
+    for row in rows:
+        energy = next(
+            (contents[row.id][number] for number in ENERGY_NUMBERS if number in contents[row.id]),
+            None,
+        )
+        choice = resolve_density(replace(bare_value(row), densities=densities[row.id]))
+        yield row.key, (energy, choice.chosen if choice is not None else None)

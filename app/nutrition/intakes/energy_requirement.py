@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Literal, get_args
 
+from app.nutrition.components import packaged_rows
 from app.nutrition.intakes.life_stage import SEXES, Sex, check_age, completed_months, life_stage
-from app.nutrition.packaged_rows import packaged_rows
 
 Activity = Literal["sedentary", "low_active", "active", "very_active"]
 Trimester = Literal[1, 2, 3]

@@ -20,7 +20,7 @@ from app.operations.doctor_queries import PostgresFacts
 from app.operations.figure_queries import database_now
 from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretKeyError, require_same_key
-from app.people.deployment_queries import clock_doubted_seconds
+from app.people.privacy_queries import clock_doubted_seconds
 from app.privacy.erasure_ledger import KINDS
 from app.privacy.ledger_gaps import count_missing
 from app.privacy.missing_blobs import find_missing

@@ -1,28 +1,76 @@
-"""/v1/audit and /v1/studies/{study}/audit: the audit log as JSON pages or one streamed file."""
+"""/v1/audit and /v1/studies/{study}/audit: the audit log as JSON pages or one streamed file.
 
+Owners read that of their study, admins all of it.
+"""
+
+import json
 from collections.abc import Iterator
+from dataclasses import asdict, replace
 from datetime import UTC, date, datetime, timedelta
 from itertools import chain, islice
 from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel, Field
 
+from app.db.session import Database
+from app.http.field_descriptions import NEXT, PAGE
 from app.http.file_formats import FORMATS, attachment
 from app.http.flat_list import FILES, negotiated_format
 from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
 from app.http.model_response import ModelResponse
-from app.http.paging import Limit, next_page
+from app.http.paging import (
+    WHOLE_NUMBER,
+    Limit,
+    Page,
+    decode_cursor,
+    encode_cursor,
+    next_page,
+    require_order,
+)
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.state import ApiState
 from app.http.text_schemas import AwareInstant
-from app.people.access.audit_log import read_audit, stream_audit
-from app.people.access.audit_schemas import AuditEventOut, AuditPage
+from app.people import privacy_queries as privacy
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
+from app.people.privacy_models import ActorKind
 from app.people.privacy_queries import AuditFilter, AuditRow
+from app.people.studies import enter_study
 
+
+class AuditEventOut(BaseModel):
+    """A read of photographs or a change. People appear by an alias that only their row resolves."""
+
+    id: int = Field(description="Grows with each event.")
+    at: datetime = Field(description="When it happened.")
+    study: str | None = Field(
+        description="The study's code; null: the event belongs to no existing study."
+    )
+    actor_kind: ActorKind = Field(description="staff, device or system")
+    actor: str = Field(description="A staff member's name, a participant's alias, or system.")
+    action: str = Field(description="What was done, such as photograph.read or study.change.")
+    subject: str | None = Field(
+        description="Alias or name of the person or object concerned; null: none."
+    )
+    details: dict[str, object] = Field(
+        description="Further details; the fields depend on the action."
+    )
+    request_id: str | None = Field(
+        description="The request's id in the server's log; null: not caused by a request."
+    )
+
+
+class AuditPage(BaseModel):
+    """A page of events in order; `next` is the address of the next page, or null."""
+
+    items: list[AuditEventOut] = Field(description=PAGE)
+    next: str | None = Field(description=NEXT)
+
+
+STREAM_PAGE = 1000
 router = APIRouter(prefix="/v1", tags=["audit"])
 
 RESPONSES = {
@@ -38,6 +86,49 @@ Output = Annotated[
     Literal["json", FlatFormat] | None,
     Query(alias="format", description="Default: by the Accept header, else json."),
 ]
+
+
+def read_audit(
+    database: Database,
+    caller: StaffCaller,
+    study_code: str | None,
+    chosen: AuditFilter,
+    *,
+    cursor: str | None,
+    limit: int,
+    is_newest_first: bool = False,
+) -> Page[AuditRow]:
+    """Return a page of events, the oldest first unless asked otherwise. study_code None: of all studies, for an admin.
+
+    Raises NotFoundError, NotAllowedError, InvalidInputError for a cursor of another filter.
+    """
+    require_order(chosen.since, chosen.until)
+    with database.read() as session:
+        if study_code is not None:
+            chosen = replace(chosen, study_id=enter_study(session, caller, study_code).id)
+        list_name = f"audit {is_newest_first} " + json.dumps(
+            asdict(chosen), default=str, sort_keys=True
+        )
+        after = decode_cursor(list_name, cursor, WHOLE_NUMBER)
+        rows = privacy.page_of_audit(
+            session, chosen, after=after, limit=limit + 1, is_newest_first=is_newest_first
+        )
+    return Page(
+        rows[:limit], encode_cursor(list_name, rows[limit - 1].id) if len(rows) > limit else None
+    )
+
+
+def stream_audit(
+    database: Database, caller: StaffCaller, study_code: str | None, chosen: AuditFilter
+) -> Iterator[AuditRow]:
+    """Stream all events that match the filter, a page per query."""
+    cursor = None
+    while True:
+        page = read_audit(database, caller, study_code, chosen, cursor=cursor, limit=STREAM_PAGE)
+        yield from page.rows
+        cursor = page.cursor
+        if cursor is None:
+            return
 
 
 def _chosen(

@@ -18,7 +18,7 @@ from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from app.core.errors import TadaError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.people import deployment_queries
+from app.people import privacy_queries as privacy
 
 KEY_FILE = "secret.key"
 
@@ -80,7 +80,7 @@ def require_same_key(database: Database, box: SecretBox) -> None:
     With another key erased meals would not be recognised, and would be accepted again.
     """
     with database.read() as session:
-        kept = deployment_queries.key_check(session)
+        kept = privacy.key_check(session)
     if kept is not None and kept != _check_of(box):
         raise SecretKeyError(
             "TADA_SECRET_KEY is not the key that this database was first used with: set that one (without the setting "
@@ -94,10 +94,10 @@ def keep_key(database: Database, box: SecretBox) -> None:
     To be called once all else that knows the key, such as the ledger of erasures, has been read with it.
     """
     with database.read() as session:
-        is_kept = deployment_queries.key_check(session) is not None
+        is_kept = privacy.key_check(session) is not None
     if not is_kept:
         with database.write() as session:
-            deployment_queries.keep_key_check(session, _check_of(box))
+            privacy.keep_key_check(session, _check_of(box))
     require_same_key(database, box)
 
 

@@ -8,8 +8,7 @@ from app.people.access.caller import authenticate, require_staff
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import sign_in as open_session
-from app.people.access.staff import create_staff
-from app.people.access.study_members import set_member
+from app.people.access.staff import create_staff, set_member
 
 PASSWORD = "correct horse battery"
 

@@ -12,7 +12,7 @@ from pwdlib.hashers.argon2 import Argon2Hasher
 from app.core.errors import UnavailableError
 from app.main import create_app
 from app.metrics.instruments import REGISTRY
-from app.people.access import sign_in_limits
+from app.people.access import sign_in as signing_in
 from app.people.access.caller import SESSION_IDLE
 from app.people.access.last_use import LastUse
 from app.people.access.passwords import MAX_CONCURRENT, MAX_WAITING, Passwords, _hasher, _random_hash
@@ -206,7 +206,7 @@ def test_tries_are_limited_by_address_and_counted_and_lock_no_name_out_elsewhere
 @pytest.fixture
 def crowd(settings, monkeypatch):
     """One person who has a password, and a way to call from any address. A minute of the limits lasts a day."""
-    monkeypatch.setattr(sign_in_limits, "WINDOW", timedelta(days=1))
+    monkeypatch.setattr(signing_in, "WINDOW", timedelta(days=1))
     app = create_app(settings.model_copy(update={"sign_in_attempts_per_minute": 3}))
     with TestClient(app) as client:
         api = client.app.state.api
@@ -237,9 +237,9 @@ def test_processes_count_together_and_old_attempts_are_forgotten(crowd, settings
         elsewhere = TestClient(another.app, client=("192.0.2.1", 1))
         assert sign_in(elsewhere, "olga").status_code == 429
     assert sign_in(crowd("192.0.2.9"), "olga").status_code == 201
-    monkeypatch.setattr(sign_in_limits, "FAILURES_KEPT", timedelta())
+    monkeypatch.setattr(signing_in, "FAILURES_KEPT", timedelta())
     database = crowd("192.0.2.9").app.state.api.database
-    sign_in_limits.forget_attempts(database)
+    signing_in.forget_attempts(database)
     with database.read() as session:
         assert [row.is_success for row in session.query(SignInAttempt)] == [True]
 

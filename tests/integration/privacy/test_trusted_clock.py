@@ -16,8 +16,8 @@ from app.operations.chores import worker_chores
 from app.operations.figure_queries import database_now
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
-from app.people.deployment_queries import clock_doubted_seconds
 from app.people.models import Study
+from app.people.privacy_queries import clock_doubted_seconds
 from tests.support.photographs import pair
 
 HOUR, DAY = 3600.0, 86400.0

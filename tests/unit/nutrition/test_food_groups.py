@@ -1,6 +1,6 @@
 """Recommendations by food group: their ages, known groups and ordered amounts."""
 
-from app.nutrition.intakes.food_groups import FOOD_GROUPS, recommendations
+from app.nutrition.intakes.reference_intakes import FOOD_GROUPS, recommendations
 
 
 def fruit_and_vegetables(age_years=30):

@@ -2,8 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-from app.nutrition.search import Candidate, Query, QueryWord, label_key, posting_ranks, rank
-from app.nutrition.words import split_words
+from app.nutrition.search import Candidate, Query, QueryWord, label_key, posting_ranks, rank, split_words
 
 
 def query(text, joined=0, **typos):

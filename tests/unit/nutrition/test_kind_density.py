@@ -4,7 +4,7 @@ import pytest
 
 from app.nutrition.density import resolve_density
 from app.nutrition.foods import load_starter_table
-from app.nutrition.kind_density import kind_density
+from app.nutrition.group_density import kind_density
 
 STARTER = {food.key: food for food in load_starter_table().foods}
 

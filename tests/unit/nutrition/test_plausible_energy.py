@@ -3,7 +3,7 @@ import math
 import pytest
 
 from app.nutrition.intakes.energy_requirement import BMR_SOURCE, Energy, Person, basal_metabolic_rate
-from app.nutrition.plausible_energy import PAL, cut_offs, judge_energy
+from app.nutrition.plausible import PAL, cut_offs, judge_energy
 
 BASAL = Energy(1500.0, "schofield_weight", BMR_SOURCE)
 

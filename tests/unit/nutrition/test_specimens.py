@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from app.nutrition.specimens import Specimen, median_density
+from app.nutrition.portion_density import Specimen, median_density
 
 
 def specimens(*pairs):

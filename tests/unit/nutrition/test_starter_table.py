@@ -5,8 +5,7 @@ from collections import Counter, defaultdict
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import load_starter_table
-from app.nutrition.search import Candidate, Query, QueryWord, label_key, rank
-from app.nutrition.words import split_words, word_forms
+from app.nutrition.search import Candidate, Query, QueryWord, label_key, rank, split_words, word_forms
 
 # English muffin and steamed bun, whole and cherry tomatoes, corn on the cob and its kernels, long and short pasta,
 # cream and whipped cream, chocolate in chips and as a bar.

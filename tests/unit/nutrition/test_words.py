@@ -3,7 +3,7 @@ from functools import cache
 
 import pytest
 
-from app.nutrition.words import singular, split_words, trigrams, typo_distance, word_forms
+from app.nutrition.search import singular, split_words, trigrams, typo_distance, word_forms
 
 
 @pytest.mark.parametrize(
