@@ -14,8 +14,7 @@ from typing import Any
 
 import duckdb
 
-from app.core.private_files import keep_files_private
-from app.core.process_life import die_with_parent
+from app.core.process_life import die_with_parent, keep_files_private
 from app.exports.export_table import export_table
 from app.exports.live_tables import live_tables
 from app.exports.releases.freeze_release import freeze_tables

@@ -60,7 +60,6 @@ from app.meals.upload.submit_meal import SubmitMeal
 from app.metrics.instruments import register_build
 from app.openapi import openapi_document
 from app.operations import health_api as health
-from app.operations import metrics_api as metrics
 from app.operations.figures import DeploymentFigures
 from app.operations.prepare import prepare_patiently
 from app.operations.prepare_apart import prepare_apart
@@ -78,7 +77,6 @@ from app.people.access.sign_in import SignInLimits
 from app.people.access.web_origins import REQUEST_HEADERS, WEB_PATHS, WebOrigins
 from app.people.location_policy import FilesWithPlaces
 from app.privacy import me_api as me_privacy
-from app.privacy import receipts_api as receipts
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.records import serve_photo as photographs
@@ -197,7 +195,6 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         checks,
         calibrations,
         me_privacy,
-        receipts,
         audit,
         records,
         data_dictionary,
@@ -222,7 +219,6 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         webhooks,
         server,
         health,
-        metrics,
         dashboard,
     ):
         app.include_router(resource.router)

@@ -11,8 +11,7 @@ import app.tables  # noqa: F401  # defines every table
 from app.children.child_pool import ChildPool
 from app.core.errors import TadaError
 from app.core.logs import configure_logging
-from app.core.private_files import keep_files_private
-from app.core.process_life import die_with_parent
+from app.core.process_life import die_with_parent, keep_files_private
 from app.core.settings import Settings
 from app.db.session import Database, open_database
 from app.extras.reminders.send_reminders import reminder_chores

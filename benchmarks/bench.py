@@ -26,7 +26,7 @@ from pathlib import Path
 import cv2
 
 from app.children.api_children import ApiChildren
-from app.core.garbage import collect_rarely
+from app.core.process_life import collect_rarely
 from app.core.settings import Settings
 from app.db.session import Database
 from app.exports.export_file import request_of

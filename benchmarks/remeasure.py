@@ -30,8 +30,15 @@ import sqlalchemy as sa
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.cli.demo import checked  # noqa: E402
-from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD, Plate  # noqa: E402
+from app.cli.demo import (  # noqa: E402
+    APPLE,
+    DOUGHNUT,
+    ORANGE,
+    RICE,
+    SALAD,
+    Plate,
+    checked,
+)
 from app.jobs.leases import living_workers  # noqa: E402
 from app.meals.stored.job_models import Job, RemeasuredPair  # noqa: E402
 from app.meals.stored.models import Meal  # noqa: E402

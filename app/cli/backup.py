@@ -85,7 +85,7 @@ def restore(
 
     Any database, any store.
     """
-    from app.operations.backup.read_backup import check_backup
+    from app.operations.backup.restore import check_backup
     from app.operations.backup.restore import restore as run
     from app.operations.explain_errors import explained_errors
     from app.storage.opening import open_blob_store

@@ -19,7 +19,16 @@ import httpx2
 from PIL import Image
 
 from app.cli.demo import (
+    APPLE,
+    DOUGHNUT,
     MARKER,
+    OCCASIONS,
+    ORANGE,
+    PEOPLE,
+    RICE,
+    SALAD,
+    Person,
+    Plate,
     bundled_photograph,
     checked,
     client_of,
@@ -29,17 +38,6 @@ from app.cli.demo import (
     send_event,
     serve_until_interrupted,
     upload,
-)
-from app.cli.demo_menus import (
-    APPLE,
-    DOUGHNUT,
-    OCCASIONS,
-    ORANGE,
-    PEOPLE,
-    RICE,
-    SALAD,
-    Person,
-    Plate,
 )
 from app.people.access.staff_schemas import SessionIssued
 from app.records.meal_schemas import MealOut

@@ -26,7 +26,7 @@ from app.cli.remeasure import remeasure
 from app.cli.sql import sql
 from app.cli.vessels import vessels_cli
 from app.core.errors import Failure, InvalidInputError, TadaError
-from app.core.private_files import keep_files_private
+from app.core.process_life import keep_files_private
 from app.core.settings import Settings
 from app.vision.marker_spec import DEFAULT_MARKER
 

@@ -12,7 +12,12 @@ from datetime import UTC, datetime
 import httpx2
 
 from app.cli.demo import (
+    APPLE,
+    DOUGHNUT,
     MARKER,
+    ORANGE,
+    RICE,
+    SALAD,
     bundled_photograph,
     checked,
     client_of,
@@ -20,7 +25,6 @@ from app.cli.demo import (
     serve_until_interrupted,
     upload,
 )
-from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
 from app.core.errors import InvalidInputError
 from app.extras.sandbox.answers import FIELD, HEADER
 from app.messages.catalogue import photograph_codes

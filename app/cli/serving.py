@@ -30,9 +30,8 @@ from uvicorn.server import ServerState
 from uvicorn.supervisors import Multiprocess
 
 from app.core.errors import InvalidInputError, TadaError, UnavailableError
-from app.core.garbage import collect_rarely
 from app.core.logs import configure_logging
-from app.core.process_life import die_with_parent
+from app.core.process_life import collect_rarely, die_with_parent
 from app.core.settings import Settings
 from app.db.session import open_database
 from app.http.state import CUT

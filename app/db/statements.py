@@ -1,11 +1,31 @@
-"""Types of statements whose columns are chosen at run time."""
+"""Parts of statements: types of columns that are chosen at run time, and ids as text."""
 
 from typing import Any
 
 import sqlalchemy as sa
+from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.orm import InstrumentedAttribute
+from sqlalchemy.sql.compiler import SQLCompiler
+from sqlalchemy.sql.functions import FunctionElement
 
 AnyColumn = sa.ColumnElement[Any] | InstrumentedAttribute[Any]
 AnyQuery = sa.Select[*tuple[Any, ...]]
 Condition = sa.ColumnElement[bool]
 Conditions = tuple[Condition, ...]
+
+
+class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
+    """An id as text in the database's cheapest form: with hyphens on PostgreSQL, without on SQLite."""
+
+    type = sa.String()
+    inherit_cache = True
+
+
+@compiles(stored_id, "postgresql")
+def _id_postgresql(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+    return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
+
+
+@compiles(stored_id, "sqlite")
+def _id_sqlite(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+    return compiler.process(element.clauses, **options)

@@ -18,8 +18,7 @@ from sqlalchemy.orm import InstrumentedAttribute, Session
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 
-from app.db.statements import AnyColumn, AnyQuery
-from app.db.stored_ids import stored_id
+from app.db.statements import AnyColumn, AnyQuery, stored_id
 from app.meals.stored.event_models import DayEvent, DayStatus, DiaryDay
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord

@@ -27,7 +27,7 @@ from app.exports.export_spec import ExportSpec, check_spec, spec_as_json, spec_o
 from app.exports.models import UNDER_WAY, Export
 from app.exports.queries import RequestedExport
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
-from app.http.stored_file import StoredFile
+from app.http.ranges import StoredFile
 from app.people import privacy_queries as privacy
 from app.people.access import audit
 from app.people.access.caller import StaffCaller, role_in

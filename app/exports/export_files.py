@@ -10,10 +10,10 @@ from app.core.errors import InvalidInputError
 from app.exports.export_file import make_export
 from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
-from app.http.closing_stream import ClosingStream
 from app.http.file_formats import FORMATS, OF_PLACES, Output, asked_format
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
+from app.http.ranges import ClosingStream
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
 from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus

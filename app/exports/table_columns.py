@@ -14,9 +14,14 @@ from app.http.columns.component_columns import (
     sum_columns,
 )
 from app.http.columns.day_columns import DAY_COLUMNS, OF_LONG_DAY
-from app.http.columns.meal_columns import MEAL_COLUMNS, MEAL_PROVENANCE, OF_LONG_MEAL, PLACE
-from app.http.columns.participant_columns import PARTICIPANT_COLUMNS
-from app.http.columns.photograph_columns import PHOTOGRAPH_COLUMNS
+from app.http.columns.meal_columns import (
+    MEAL_COLUMNS,
+    MEAL_PROVENANCE,
+    OF_LONG_MEAL,
+    PARTICIPANT_COLUMNS,
+    PHOTOGRAPH_COLUMNS,
+    PLACE,
+)
 from app.http.columns.record_columns import OF_LONG_RECORD, PROVENANCE_COLUMNS, RECORD_COLUMNS
 from app.http.file_formats import OF_PLACES
 

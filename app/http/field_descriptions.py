@@ -7,7 +7,7 @@ from pydantic import BaseModel, Field, create_model
 
 from app.http.columns.column import Column
 from app.http.columns.day_columns import DAY_COLUMNS
-from app.http.columns.photograph_columns import PHOTOGRAPH_COLUMNS
+from app.http.columns.meal_columns import PHOTOGRAPH_COLUMNS
 from app.http.columns.record_columns import RECORD_COLUMNS
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -17,11 +17,21 @@ from typing import Any, Literal
 from pydantic import BaseModel, JsonValue
 from pydantic_core import to_json
 
-from app.http.csv_cells import safe_cell
-
+# a spreadsheet would compute such a cell; the last four are full-width, as Chinese and Japanese
+# keyboards type them
+FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n", "＝", "＋", "－", "＠")
 ROWS_A_PIECE = 500
 Path = tuple[str, ...]
 FlatFormat = Literal["csv", "ndjson"]
+
+
+def safe_cell(value: object) -> object:
+    """Text that a spreadsheet would take for a formula, with an apostrophe; a list in one cell."""
+    if isinstance(value, list | tuple):
+        value = " ".join(map(str, value))
+    if isinstance(value, str) and value.startswith(FORMULA_STARTS):
+        return f"'{value}"
+    return value
 
 
 def flat_paths(model: type[BaseModel], rows: Iterable[Mapping[str, JsonValue]] = ()) -> list[Path]:

@@ -1,20 +1,21 @@
-"""A stored file as an answer: whole or a part of it (RFC 9110, 14), so that a download that broke off goes on.
+"""A stored file as an answer: whole or a part of it (RFC 9110, 14).
 
-The ETag is the SHA-256 of the bytes, so a part fits to those that are there already, or is not given.
+So a download that broke off goes on. The ETag is the SHA-256 of the bytes, so a part fits to those
+that are there already, or is not given.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 
+import anyio
 from fastapi import Request
-from fastapi.responses import Response
+from fastapi.responses import Response, StreamingResponse
+from starlette.types import Receive, Scope, Send
 
 from app.core.errors import RangeNotSatisfiableError
-from app.http.closing_stream import ClosingStream
-from app.http.conditions import is_held
 from app.http.file_formats import FORMATS, JSON
-from app.http.stored_file import StoredFile
+from app.http.parameters import is_held
 from app.storage.blob_store import BlobStore
 
 RANGE = re.compile(r"bytes=(\d{0,19})-(\d{0,19})")
@@ -23,6 +24,51 @@ MEDIA_TYPES: Mapping[str, str] = {  # by the name's end
     **{suffix: form.media_type for suffix, form in FORMATS.items()},
 }
 PART, UNCHANGED = 206, 304
+
+
+class ClosingStream(StreamingResponse):
+    """Streams bytes; calls `close` once, whatever happens.
+
+    Starlette leaves a source that it did not read to the end to the garbage collector, which may
+    come to it hours later: until then it holds what it has open, such as a file without a name with
+    all photographs of a person.
+    """
+
+    def __init__(
+        self,
+        source: Iterator[bytes],
+        close: Callable[[], object],
+        *,
+        media_type: str,
+        headers: Mapping[str, str],
+        status_code: int = 200,
+    ) -> None:
+        super().__init__(source, status_code, media_type=media_type, headers=headers)
+        self._close = close
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Stream, then close: in a thread, shielded from the cancellation that a caller who left causes."""
+        try:
+            await super().__call__(scope, receive, send)
+        finally:
+            with anyio.CancelScope(shield=True):
+                await anyio.to_thread.run_sync(self._close)
+
+
+@dataclass(frozen=True, slots=True)
+class StoredFile:
+    """A file that the caller may fetch. length: bytes of it; sha256: of all of them."""
+
+    name: str
+    length: int
+    sha256: str
+    blob_key: str
+
+    def pieces(self, blobs: BlobStore, start: int, length: int) -> Generator[bytes, None, None]:
+        """So many bytes from there on. Raises BlobMissingError."""
+        if (start, length) == (0, self.length):
+            return blobs.stream(self.blob_key)
+        return blobs.stream_part(self.blob_key, start, length)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,14 @@
-"""A worker's metrics over HTTP, on a separate port: /metrics with access control, /healthz for everyone.
+"""A worker's metrics over HTTP, on a separate port, and who may read metrics at all.
 
-/healthz only reports that the process is alive: a worker without its database waits for it, and a restart would not
-help. Callers are limited in number and time, so that they cost a worker little.
+/healthz only reports that the process is alive: a worker without its database waits for it, and a
+restart would not help. Callers are limited in number and time, so that they cost a worker little.
+Metrics name nobody, but numbers of meals and causes of failures are not public: they are for
+callers with the token; if none is set, for callers on the same machine that use no proxy.
 """
 
 import contextlib
+import ipaddress
+import secrets
 import socket
 import sys
 import threading
@@ -12,18 +16,58 @@ import time
 from collections.abc import Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import structlog
 from prometheus_client import CollectorRegistry
 from prometheus_client.exposition import choose_encoder
 
-from app.metrics.reader import may_read
+# headers added by proxies: a local caller that sends one forwards another caller's request
+FORWARDING_HEADERS = (
+    "forwarded",
+    "x-forwarded-for",
+    "x-forwarded-host",
+    "x-forwarded-proto",
+    "x-real-ip",
+    "via",
+)
+LOCAL_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]", "::1"})
 
+Access = Literal["may read", "wrong token", "hidden"]
 log = structlog.get_logger()
 
 REQUEST_SECONDS = 10.0  # for a whole request and response; then the connection is closed
 MAX_CALLERS = 16  # concurrent, each with a thread; further ones are refused
+
+
+def may_read(token: str | None, address: str | None, headers: Mapping[str, str]) -> Access:
+    """Return a caller's access. token: the configured one. address: the caller's. headers: by lower-case name.
+
+    "hidden": no token is set and the caller is remote; it should not learn that metrics exist.
+    """
+    if token is not None:
+        scheme, _, sent_token = headers.get("authorization", "").partition(" ")
+        is_right = secrets.compare_digest(sent_token.strip().encode(), token.encode())
+        return "may read" if scheme.lower() == "bearer" and is_right else "wrong token"
+    return "may read" if _is_local(address) and _is_direct(headers) else "hidden"
+
+
+def _is_local(address: str | None) -> bool:
+    try:
+        ip = ipaddress.ip_address((address or "").partition("%")[0])
+    except ValueError:
+        return False
+    mapped = ip.ipv4_mapped if isinstance(ip, ipaddress.IPv6Address) else None
+    return (mapped or ip).is_loopback
+
+
+def _is_direct(headers: Mapping[str, str]) -> bool:
+    """Return whether no proxy is declared and the host name is local: pages in a local browser may use other names."""
+    host = headers.get("host", "")
+    name = host if host.endswith("]") else host.rpartition(":")[0] or host
+    return name.lower() in LOCAL_NAMES and not any(
+        header in headers for header in FORWARDING_HEADERS
+    )
 
 
 class MetricsServer:

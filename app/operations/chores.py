@@ -11,11 +11,9 @@ from app.meals.upload.after_meal import end_due_windows
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import forget_attempts
-from app.privacy import orphan_rounds
-from app.privacy.delete_blobs import BlobDeleter
+from app.privacy.delete_blobs import BUCKET, FILES, BlobDeleter, OrphanRounds
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
-from app.privacy.orphan_rounds import OrphanRounds
 from app.privacy.reapply_erasures import reapply_erasures
 from app.privacy.retention import erase_old_pictures, erase_sandboxes
 from app.storage.blob_store import BlobStore
@@ -38,9 +36,7 @@ def worker_chores(
     clock = clock or TrustedClock(database)
     deleter = BlobDeleter(database, blobs)
     is_bucket = settings.resolved_blob_url.startswith("s3://")
-    orphans = OrphanRounds(
-        database, deleter, orphan_rounds.BUCKET if is_bucket else orphan_rounds.FILES
-    )
+    orphans = OrphanRounds(database, deleter, BUCKET if is_bucket else FILES)
     ledger = ErasureLedger(open_blob_store(settings.resolved_erasure_url, settings), box)
     eraser = Eraser(database, box, ledger)
 

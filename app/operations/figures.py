@@ -22,7 +22,7 @@ from sqlalchemy.pool import QueuePool
 from app.core.settings import Settings
 from app.db.session import Database
 from app.jobs.leases import living_workers
-from app.operations.figure_queries import Figures, LastBackup, figures, first_event_at, last_backup
+from app.operations.queries import Figures, LastBackup, figures, first_event_at, last_backup
 from app.storage.blob_store import BlobStore
 
 log = structlog.get_logger()

@@ -1,14 +1,75 @@
-"""/healthz: the process answers. /readyz: it can accept meals; the state of workers is only reported."""
+"""/healthz: the process answers. /readyz: it can accept meals. /metrics: figures for Prometheus.
 
-from typing import Literal
+Readiness depends only on database, blob store and disk. A long queue or a dead worker is reported,
+but meals are accepted. Access to metrics: metrics/server.py.
+"""
 
-from fastapi import APIRouter, Response
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+import sqlalchemy as sa
+from fastapi import APIRouter, Header, Response
+from prometheus_client import Metric
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.registry import Collector
 from pydantic import BaseModel, Field
 
-from app.operations.health import check_readiness
+from app.core.settings import Settings
+from app.db.schema_state import SchemaState, schema_state
+from app.db.session import Database
+from app.jobs.leases import living_workers
+from app.meals.stored import queries as meals
+from app.metrics import instruments
+from app.operations.figures import DeploymentFigures
 from app.people.access.deps import State
+from app.storage.blob_store import BlobStore
 
 router = APIRouter(tags=["health"])
+
+
+@dataclass(frozen=True, slots=True)
+class Readiness:
+    """checks: name -> "ok" or the problem. The other fields are information."""
+
+    checks: dict[str, str]
+    workers_alive: int
+    oldest_waiting_seconds: float | None
+
+    @property
+    def is_ready(self) -> bool:
+        """Return whether all checks are ok."""
+        return all(state == "ok" for state in self.checks.values())
+
+
+def check_readiness(database: Database, blobs: BlobStore, settings: Settings) -> Readiness:
+    """Check each part that an upload needs. Does not raise for a part that fails."""
+    workers, oldest = 0, None
+    try:
+        if (
+            schema_state(database) is not SchemaState.OLDER
+        ):  # code works with a newer schema too (docs/deployment.md)
+            state = "ok"
+            workers = len(living_workers(database))
+            with database.read() as session:
+                oldest = meals.oldest_waiting(session)
+        else:
+            state = "the schema is not up to date: run `tada db upgrade`"
+    except sa.exc.SQLAlchemyError as error:
+        state = f"no answer ({type(error).__name__})"
+    checks = {"database": state}
+    try:
+        blobs.check()
+        free = blobs.free_bytes()
+    except OSError as error:
+        checks["blob_store"] = f"cannot be written ({error.strerror})"
+    else:
+        checks["blob_store"] = "ok"
+        low = free < settings.min_free_bytes
+        checks["disk"] = f"{free} bytes free, less than {settings.min_free_bytes}" if low else "ok"
+    waited = (datetime.now(UTC) - oldest).total_seconds() if oldest is not None else None
+    return Readiness(checks, workers, waited)
 
 
 class Health(BaseModel):
@@ -46,4 +107,25 @@ def get_ready(state: State, response: Response) -> Ready:
         checks=readiness.checks,
         workers_alive=readiness.workers_alive,
         oldest_waiting_seconds=readiness.oldest_waiting_seconds,
+    )
+
+
+class _All(Collector):
+    """Both sets of figures as one collector, since the format has one end marker."""
+
+    def __init__(self, deployment: DeploymentFigures) -> None:
+        self._deployment = deployment
+
+    def collect(self) -> Iterator[Metric]:
+        yield from instruments.collect()
+        yield from self._deployment.collect()
+
+
+@router.get("/metrics", include_in_schema=False)
+def get_metrics(state: State, accept: Annotated[str, Header()] = "") -> Response:
+    """Return the figures for Prometheus."""
+    encode, content_type = choose_encoder(accept)
+    return Response(
+        encode(_All(state.part(DeploymentFigures))),
+        headers={"Content-Type": content_type, "Cache-Control": "no-store"},
     )

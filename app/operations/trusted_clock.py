@@ -14,8 +14,7 @@ from sqlalchemy.orm import Session
 
 from app.db.session import Database
 from app.metrics import instruments
-from app.operations import doctor_queries
-from app.operations.figure_queries import database_now
+from app.operations.queries import database_now, last_event_at
 from app.people.privacy_queries import locked_deployment
 
 log = structlog.get_logger()
@@ -40,7 +39,7 @@ class TrustedClock:
         with self._database.write() as session:
             now = database_now(session)
             row = locked_deployment(session)
-            seen_at = row.clock_at or doctor_queries.last_event_at(session) or now
+            seen_at = row.clock_at or last_event_at(session) or now
             gap = (now - seen_at).total_seconds()
             if abs(gap) > GAP_SECONDS:
                 row.clock_doubted_seconds = WAIT_SECONDS

@@ -4,10 +4,9 @@ from typing import cast
 
 from fastapi import APIRouter, Request, Response
 
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import StudyCode
+from app.http.parameters import IfMatch, StudyCode, expected_versions
 from app.http.problems import problem_responses
 from app.people import studies
 from app.people.access.deps import CurrentStaff, State

@@ -1,17 +1,25 @@
-"""Delete the blobs of erasures, after another check against the database, and orphans after a grace time.
+"""Delete the blobs of erasures and orphans, and find blobs that are missing.
 
-It runs periodically beside the jobs (operations/chores.py). Concurrent runs are harmless: deleting a blob that does not
-exist succeeds.
+Blobs of erasures are deleted after another check against the database, orphans after a grace time.
+It runs periodically beside the jobs (operations/chores.py). Concurrent runs are harmless: deleting
+a blob that does not exist succeeds.
 """
 
-from collections.abc import Iterator, Sequence
+import os
+import socket
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from hashlib import blake2b
 from itertools import islice
 
+import numpy as np
 import structlog
 
 from app.db import spent_keys
 from app.db.session import Database
+from app.jobs.leases import living_workers
 from app.metrics import instruments
 from app.people import privacy_queries as people_privacy
 from app.privacy import queries as privacy
@@ -25,6 +33,10 @@ MAX_CONSECUTIVE_FAULTS = 3
 ORPHAN_GRACE = timedelta(
     hours=24
 )  # far longer than an upload or an estimate takes from sealing to commit
+KEYS_COMPARED_AT_ONCE = 10_000
+MAX_LOOKUPS = 1000  # keys looked up one by one; for further ones the listing decides
+
+SLICE_SECONDS = 10.0
 
 
 class BlobDeleter:
@@ -130,3 +142,106 @@ class BlobDeleter:
         for blob_key in keys:
             self._blobs.delete(blob_key)
             instruments.BLOBS_DELETED.labels("erased").inc()
+
+
+@dataclass(frozen=True, slots=True)
+class MissingBlobs:
+    """The result. total: keys compared; first: the first missing keys."""
+
+    total: int
+    missing: int
+    first: tuple[str, ...]
+
+
+def find_missing(keys: Iterable[str], blobs: BlobStore) -> MissingBlobs:
+    """Return the keys that the database names and the store lacks, by listing the store once.
+
+    Eight bytes of a hash are kept per key, so twenty million photographs take 160 MB; at that
+    number, another key's hash hides a missing blob once in 10^12 cases. Keys that are not in the
+    listing are looked up one by one, since they may have been stored meanwhile. Raises OSError if
+    the store does not answer.
+    """
+    stored = np.sort(np.fromiter((_short_hash(blob.key) for blob in blobs.keys()), np.uint64))  # noqa: SIM118  # no mapping
+    named, total, missing = iter(keys), 0, 0
+    first: list[str] = []
+    while batch := list(islice(named, KEYS_COMPARED_AT_ONCE)):
+        total += len(batch)
+        hashes = np.fromiter(map(_short_hash, batch), np.uint64, len(batch))
+        at = np.searchsorted(stored, hashes)
+        is_stored = (
+            (at < len(stored)) & (stored[np.minimum(at, len(stored) - 1)] == hashes)
+            if len(stored)
+            else at < 0
+        )
+        for key in (key for key, is_listed in zip(batch, is_stored, strict=True) if not is_listed):
+            if missing < MAX_LOOKUPS and blobs.has(key):
+                continue
+            missing += 1
+            if missing <= MAX_LOOKUPS:
+                first.append(key)
+    return MissingBlobs(total, missing, tuple(first))
+
+
+def _short_hash(key: str) -> int:
+    return int.from_bytes(blake2b(key.encode(), digest_size=8).digest(), "little")
+
+
+@dataclass(frozen=True, slots=True)
+class Pace:
+    """The interval between rounds, and the delay of the first round after the process started."""
+
+    interval: timedelta
+    first_after: timedelta
+
+
+FILES = Pace(interval=timedelta(hours=1), first_after=timedelta(0))
+BUCKET = Pace(interval=timedelta(days=1), first_after=timedelta(hours=1))
+
+
+class OrphanRounds:
+    """Lists the whole store for orphans, a few seconds at a time. clock: seconds; for tests.
+
+    Listing an S3 store takes one call per thousand keys, which costs money, and hours for a hundred
+    million keys. So only the oldest living worker does it, on S3 once a day, and not right after it
+    started, as a rolling upgrade would begin it again and again. It is done in slices, since
+    deliveries and deletions wait for the same thread. The work is not claimed in the database: if
+    two workers both consider themselves the oldest, both list, which is harmless.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        deleter: BlobDeleter,
+        pace: Pace,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._database = database
+        self._deleter = deleter
+        self._interval_seconds = pace.interval.total_seconds()
+        self._clock = clock
+        self._due = clock() + pace.first_after.total_seconds()
+        self._round: Iterator[int] | None = None
+
+    def run_slice(self) -> int:
+        """Begin a round if it is due and this worker is the oldest, or continue one. Returns the orphans deleted."""
+        if self._round is None:
+            if self._clock() < self._due or not self._is_oldest_worker():
+                return 0
+            self._due = self._clock() + self._interval_seconds
+            self._round = self._deleter.orphan_batches()
+        until, total = self._clock() + SLICE_SECONDS, 0
+        try:
+            for deleted in self._round:
+                total += deleted
+                if self._clock() >= until:
+                    return total
+        except BaseException:
+            self._round = None  # the next round starts from the beginning
+            raise
+        self._round = None
+        log.info("orphan_round_ended")
+        return total
+
+    def _is_oldest_worker(self) -> bool:
+        alive = living_workers(self._database)
+        return not alive or (alive[0].host, alive[0].pid) == (socket.gethostname(), os.getpid())

@@ -1,9 +1,11 @@
-"""Erase meals, participants and photographs; nothing else deletes them. Rows go in one transaction, blobs soon after.
+"""Erase meals, participants and photographs; nothing else deletes them.
 
-The transaction schedules blobs for deletion (BlobDeletion), which privacy/delete_blobs.py carries out, and adds
-tombstones, whose digests identify nobody. Each erasure is written to the ledger before it begins
-(privacy/erasure_ledger.py), leaves a receipt with numbers, and is noted in the audit log by aliases that no row
-resolves any more.
+Rows go in one transaction, blobs soon after. The transaction schedules blobs for deletion
+(BlobDeletion), which privacy/delete_blobs.py carries out, and adds tombstones, whose digests
+identify nobody. Each erasure is written to the ledger before it begins (privacy/erasure_ledger.py),
+leaves a receipt with numbers, and is noted in the audit log by aliases that no row resolves any
+more. Files made from a study's rows follow at the end of the transaction, after its receipt:
+exports expire, releases lose the erased rows (exports/queries.py explains why). Webhooks are told.
 """
 
 import contextlib
@@ -17,9 +19,13 @@ from sqlalchemy.orm import Session
 
 from app.core.errors import NotFoundError
 from app.db.session import Database
+from app.exports import queries as exports
+from app.exports.releases import queries as releases
+from app.exports.releases.digests import meal_digest, participant_digest
 from app.jobs import queries as jobs
 from app.meals.stored import queries as meals
 from app.meals.stored.models import Meal
+from app.outbox.write import announce
 from app.people import privacy_queries as people_privacy
 from app.people.access import audit
 from app.people.access.caller import Caller
@@ -27,9 +33,7 @@ from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, WithdrawalPolicy
 from app.people.privacy_models import ErasureReceipt
 from app.people.tombstones import Kind, digest_of
-from app.privacy import announce
 from app.privacy import queries as privacy
-from app.privacy.erase_files import erase_meal_from_files
 from app.privacy.erasure_ledger import Erasure, ErasureLedger
 from app.privacy.queries import Ids
 from app.records import queries as records
@@ -80,7 +84,7 @@ class Eraser:
                 return None
             study_id, alias, client_id = meal.study_id, meal.alias, meal.client_id
             code = session.get_one(Participant, meal.participant_id).code
-            announce.announce_meal_deletion(session, meal)
+            announce_meal_deletion(session, meal)
             counts = erase_meals(session, study_id, [meal], jobs.one_meal(meal_id), erasure)
             people_privacy.add_tombstones(
                 session, "meal", [erasure.digest], erasure.at, study_id=study_id
@@ -166,3 +170,61 @@ def public_digest(public_id: uuid.UUID) -> str:
 
 def _is_below(key: str, folders: set[str]) -> bool:
     return "/".join(key.split("/")[:2]) + "/" in folders
+
+
+def erase_meal_from_files(
+    session: Session,
+    box: SecretBox,
+    study_id: uuid.UUID,
+    participant_code: str,
+    client_id: uuid.UUID,
+) -> None:
+    """Erase a meal, which files identify by its participant's code and the phone's id."""
+    exports.erase_from_exports(session, study_id, None)
+    releases.erase_from_releases(
+        session, study_id, "meal", meal_digest(box, participant_code, client_id)
+    )
+
+
+def erase_person_from_files(
+    session: Session,
+    box: SecretBox,
+    study_id: uuid.UUID,
+    participant_code: str,
+    renamed: tuple[str, uuid.UUID] | None,
+) -> None:
+    """Erase or anonymise a participant, whom files identify by code. renamed: new code and seed of new meal ids."""
+    exports.erase_from_exports(session, study_id, participant_code)
+    deed: releases.Deed = "erase" if renamed is None else "anonymise"
+    releases.erase_from_releases(
+        session, study_id, deed, participant_digest(box, participant_code), renamed
+    )
+
+
+def announce_meal_deletion(session: Session, meal: Meal) -> None:
+    """Announce that a meal is about to be erased. Its id is sent as SHA-256, which only holders of the id recognise."""
+    participant = session.get_one(Participant, meal.participant_id)
+    digest = hashlib.sha256(str(meal.client_id).encode()).hexdigest()
+    announce(
+        session,
+        meal.study_id,
+        "meal.deleted",
+        {"participant": participant.code, "meal_sha256": digest},
+        participant_id=participant.id,
+    )
+
+
+def announce_withdrawal(
+    session: Session, participant: Participant, policy: WithdrawalPolicy
+) -> None:
+    """Announce that a participant leaves the study.
+
+    The delivery outlives the participant's rows, so it does not refer to them; its payload is removed once it is
+    delivered (webhooks/deliver_webhooks.py).
+    """
+    announce(
+        session,
+        participant.study_id,
+        "participant.withdrawn",
+        {"participant": participant.code, "policy": policy},
+    )

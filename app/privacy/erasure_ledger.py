@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import datetime
 
+from app.db.session import Database
+from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretBox, SecretKeyError
 from app.people.models import WithdrawalPolicy
 from app.people.tombstones import Kind
@@ -68,3 +70,23 @@ class ErasureLedger:
             receipt_id=uuid.UUID(entry["receipt"]),
             at=datetime.fromisoformat(entry["at"]),
         )
+
+
+def count_missing(database: Database, ledger: ErasureLedger) -> int:
+    """Count the erasures that have a tombstone in the database but no entry in the ledger.
+
+    Each erasure is written to the ledger first. If one is missing, the ledger is another one, is
+    empty (the setting points elsewhere, for example after a move to S3) or was itself restored.
+    Then people erased after a backup would come back with it, and nothing else would show that.
+    Raises OSError.
+    """
+    missing = 0
+    for kind in KINDS:
+        with (
+            database.read() as session
+        ):  # before the ledger, to which concurrent erasures are written first
+            digests = set(privacy.tombstone_digests(session, kind))
+        if digests:
+            digests.difference_update(ledger.digests(kind))
+        missing += len(digests)
+    return missing

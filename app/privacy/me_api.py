@@ -1,27 +1,31 @@
-"""Participants' rights over their data: export it, delete a meal, leave the study."""
+"""Participants' rights over their data: export it, delete a meal, leave the study; receipts.
+
+Receipts of erasures contain no personal data; the id is the only credential needed.
+"""
 
 import uuid
 from collections.abc import Iterator
+from datetime import datetime
 from typing import IO, Annotated
 
 from fastapi import APIRouter, Path, Query, Request
 from fastapi.responses import Response, StreamingResponse
+from pydantic import BaseModel, Field
 
 from app.core.errors import GoneError, NotFoundError
 from app.exports.export_places import ExportPlaces
-from app.http.closing_stream import ClosingStream
 from app.http.parameters import ParticipantCode, StudyCode
 from app.http.problems import problem_responses, render_problem
+from app.http.ranges import ClosingStream
 from app.http.state import ApiState
 from app.http.upload import require_room
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.access.secret_box import SecretBox
-from app.people.privacy_models import ErasureReceipt
+from app.people.privacy_models import ErasedKind, ErasurePolicy, ErasureReceipt
 from app.people.tombstones import meal_id_of, require_not_deleted
-from app.privacy.erase import Eraser
+from app.privacy.erase import Eraser, find_receipt
 from app.privacy.export_me import export_me
-from app.privacy.schemas import ReceiptOut
 from app.privacy.withdraw import withdraw_participant, withdraw_self
 
 router = APIRouter(prefix="/v1", tags=["privacy"])
@@ -31,6 +35,18 @@ EXPORT_RESPONSES = {
     200: {"content": {"application/zip": {}}, "description": "data.json, photographs, README.txt."},
     **problem_responses(401, 403, 410, 503),
 }
+
+
+class ReceiptOut(BaseModel):
+    """The numbers of rows that an erasure removed. Keep its id: anyone who has it can read the receipt again."""
+
+    id: uuid.UUID = Field(description="The receipt's id.")
+    what: ErasedKind = Field(description="participant, meal or photographs")
+    policy: ErasurePolicy = Field(
+        description="keep, anonymise, erase; or retention: the study's retention time of photographs has passed."
+    )
+    counts: dict[str, int] = Field(description="Number of rows removed or changed, by kind.")
+    erased_at: datetime = Field(description="When it was erased.")
 
 
 @router.delete("/meals/{meal_id}", responses=problem_responses(401, 403, 404, 409, 410, 422))
@@ -124,3 +140,14 @@ def on_not_found(request: Request, error: Exception) -> Response:
 
 def _receipt_out(receipt: ErasureReceipt) -> ReceiptOut:
     return ReceiptOut.model_validate(receipt, from_attributes=True)
+
+
+@router.get("/receipts/{receipt}", responses=problem_responses(404, 422))
+def get_receipt(
+    receipt: Annotated[
+        uuid.UUID, Path(description="The receipt's id, from the response to the erasure.")
+    ],
+    state: State,
+) -> ReceiptOut:
+    """Read a receipt again. It needs no token, since a participant who has left has none."""
+    return ReceiptOut.model_validate(find_receipt(state.database, receipt), from_attributes=True)

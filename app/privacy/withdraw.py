@@ -27,16 +27,16 @@ from app.people.privacy_models import ErasureReceipt
 from app.people.studies import enter_study
 from app.people.tombstones import digest_of, spend_code
 from app.privacy import queries as privacy
-from app.privacy.announce import announce_withdrawal
 from app.privacy.erase import (
     Eraser,
     add_receipt,
+    announce_withdrawal,
     erase_meals,
+    erase_person_from_files,
     erase_pictures,
     find_receipt,
     public_digest,
 )
-from app.privacy.erase_files import erase_person_from_files
 from app.privacy.erasure_ledger import Erasure
 from app.records import queries as records
 from app.records.project_records import project_meal

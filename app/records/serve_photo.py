@@ -25,8 +25,7 @@ from sqlalchemy.orm import Session
 from app.children.api_children import ApiChildren, PhotographError, Whose
 from app.core.errors import GoneError, NotFoundError, TadaError
 from app.db.session import Database
-from app.http.conditions import is_held
-from app.http.parameters import MealId, OfWhichParticipant, Slot
+from app.http.parameters import MealId, OfWhichParticipant, Slot, is_held
 from app.http.problems import problem_responses
 from app.http.ranges import answer_part
 from app.http.state import ApiState

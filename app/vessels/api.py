@@ -5,10 +5,9 @@ from typing import Annotated
 from fastapi import APIRouter, Query, Request, Response
 
 from app.foods.edits.edit_food import author_of
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import StudyCode, VesselId
+from app.http.parameters import IfMatch, StudyCode, VesselId, expected_versions
 from app.http.problems import problem_responses
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentDevice, CurrentStaff, State

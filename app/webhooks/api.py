@@ -5,10 +5,9 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import StudyCode, WebhookId
+from app.http.parameters import IfMatch, StudyCode, WebhookId, expected_versions
 from app.http.problems import problem_responses
 from app.outbox.models import DeliveryState, Webhook, WebhookDelivery
 from app.people.access.deps import CurrentStaff, State

@@ -15,7 +15,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from app.cli.demo_menus import APPLE, PEOPLE, RICE, SALAD
+from app.cli.demo import APPLE, PEOPLE, RICE, SALAD
 from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
 from tests.e2e.browser import violations
 from tests.e2e.dashboard_crawl import crawl, routes

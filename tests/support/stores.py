@@ -9,10 +9,10 @@ from datetime import timedelta
 import obstore
 
 from app.core.settings import Settings
+from app.storage.blob_store import LOCK_SUFFIX
 from app.storage.local import STAGING, LocalBlobStore
 from app.storage.opening import open_blob_store
 from app.storage.s3 import S3BlobStore
-from app.storage.staging import LOCK_SUFFIX
 
 TWO_DAYS = timedelta(days=2)
 LEDGER = ".erasures/"  # where it stands when the blobs are in S3 (app/core/settings.py)

@@ -1,5 +1,7 @@
 """The audit log: of a study for its owners, of everything for admins."""
 
+import uuid
+from collections.abc import Iterable
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Annotated
 
@@ -7,12 +9,13 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.dashboard.page import CurrentPage, Page
+from app.db.session import Database
 from app.http.paging import Cursor
 from app.http.parameters import FirstDay, LastDay
 from app.people.access.audit_api import audit_file, read_audit
 from app.people.access.page_rules import PREFIX
 from app.people.privacy_queries import AuditFilter
-from app.privacy.audit_names import names_of_aliases
+from app.privacy import queries as privacy
 
 router = APIRouter(include_in_schema=False)
 
@@ -20,6 +23,24 @@ EVENTS_A_PAGE = 100
 
 Action = Annotated[str, Query(max_length=64)]
 Output = Annotated[str, Query(alias="format", max_length=8)]
+
+
+def names_of_aliases(database: Database, texts: Iterable[str | None]) -> dict[str, str]:
+    """Return alias -> a participant's code, or a meal's participant and local day; other texts are left out."""
+    aliases = {alias for text in texts if text and (alias := _id_of(text))}
+    with database.read() as session:
+        people, meals = (
+            privacy.participants_by_alias(session, aliases),
+            privacy.meals_by_alias(session, aliases),
+        )
+    return people | {alias: f"{code}, {local_date}" for alias, (code, local_date) in meals.items()}
+
+
+def _id_of(text: str) -> uuid.UUID | None:
+    try:
+        return uuid.UUID(text)
+    except ValueError:
+        return None
 
 
 @router.get(f"{PREFIX}/studies/{{study}}/audit")

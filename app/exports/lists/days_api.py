@@ -27,11 +27,17 @@ from app.exports.export_files import (
 )
 from app.exports.known_filters import require_known
 from app.exports.lists.day_values import day_values
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page, require_order
-from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
+from app.http.parameters import (
+    FirstDay,
+    IfMatch,
+    LastDay,
+    ParticipantCode,
+    StudyCode,
+    expected_versions,
+)
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay
 from app.meals.stored.event_models import DayEventKind

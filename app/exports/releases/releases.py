@@ -20,7 +20,7 @@ from app.exports.releases.manifest import checksum_of
 from app.exports.releases.queries import ReleaseRow
 from app.exports.releases.release_filters import ReleaseFilters
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of, require_order
-from app.http.stored_file import StoredFile
+from app.http.ranges import StoredFile
 from app.people.access import audit
 from app.people.access.caller import StaffCaller
 from app.people.studies import enter_study

@@ -9,8 +9,7 @@ from collections.abc import Collection, Mapping
 
 from app.exports.export_spec import Rows
 from app.http.columns.column import Column
-from app.http.columns.meal_columns import PLACE
-from app.http.columns.participant_columns import MEALS, PROFILE
+from app.http.columns.meal_columns import MEALS, PLACE, PROFILE
 
 MANIFEST, FORMER_MANIFEST = "datapackage.json", "release.json"  # the latter until 0.4
 DICTIONARY = "data-dictionary.csv"

@@ -25,8 +25,8 @@ from app.foods.foods import FoodView
 from app.foods.recipes import NamedIngredient, NamedRecipe
 from app.foods.schemas import FoodOut
 from app.foods.study_densities import density_of_specimens
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
+from app.http.parameters import IfMatch, expected_versions
 from app.http.problems import problem_responses
 from app.nutrition.foods import Density, RefusePart
 from app.nutrition.portion_density import Specimen

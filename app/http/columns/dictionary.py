@@ -11,7 +11,7 @@ from typing import Literal
 from pydantic import JsonValue
 
 from app.http.columns.column import Column, ColumnType
-from app.http.csv_cells import safe_cell
+from app.http.flat_rows import safe_cell
 
 DictionaryType = Literal[
     "id", "text", "list of words", "instant", "local time", "day", "number", "integer", "boolean"

@@ -1,4 +1,4 @@
-"""The columns of exported meals: a row a meal, with what its records that hold come to."""
+"""The columns of exported meals, of their photographs, and of participants, a row each."""
 
 from app.http.columns.column import Column
 from app.http.columns.component_columns import headline_sums
@@ -14,6 +14,9 @@ from app.http.columns.record_columns import (
     TIME_ZONE,
     UPLOAD_DELAY,
 )
+from app.nutrition.intakes.energy_requirement import ACTIVITIES
+from app.nutrition.intakes.life_stage import SEXES
+from app.photos.slots import SLOTS
 
 MEAL_STATUSES = (
     "receiving",
@@ -51,6 +54,92 @@ LATITUDE = Column(
     "deg",
     "WGS84, as far as the study keeps locations.",
     empty=UNKNOWN_PLACE,
+)
+PHOTOGRAPH_COLUMNS = (
+    MEAL_ID,
+    STUDY,
+    PARTICIPANT,
+    CAPTURED_AT,
+    CAPTURED_LOCAL,
+    LOCAL_DATE,
+    Column(
+        "slot",
+        "word",
+        meaning="Which of the meal's photographs or depth maps it is, or its voice note.",
+        values=SLOTS,
+    ),
+    Column("media_type", "word", meaning="Of the bytes as they are kept."),
+    Column("width_px", "integer", "px", "Of the upright picture; 0: a voice note."),
+    Column("height_px", "integer", "px", "Of the upright picture; 0: a voice note."),
+    Column("bytes", "integer", "B", "Length as it is kept."),
+    Column("received_sha256", "word", meaning="SHA-256 of the bytes that the phone sent."),
+    Column(
+        "stored_sha256",
+        "word",
+        meaning="SHA-256 of the bytes that are kept: others where the location was cut out.",
+    ),
+    Column("received_at", "instant", meaning="When it arrived at the server."),
+    Column("erased", "boolean", meaning="Whether the picture was erased (retention, withdrawal)."),
+    Column("erased_at", "instant", meaning="When it was erased.", empty="It is there."),
+    Column(
+        "path",
+        "word",
+        meaning="Path of the picture, re-encoded as JPEG (docs/limits.md), or of a map or voice note as kept.",
+        empty="It was erased.",
+    ),
+)
+UNKNOWN = "Nobody has entered it, or it was erased with the profile."
+NO_MEALS = "There are no meals."
+
+PROFILE = (
+    Column("sex", "word", meaning="The participant's sex.", values=SEXES, empty=UNKNOWN),
+    Column(
+        "age_years",
+        "integer",
+        "a",
+        "Age reached in the year of study day 1, or of the first phone's enrolment if there is no day 1 yet.",
+        empty="The year of birth is not known, or there is neither a day 1 nor a phone.",
+    ),
+    Column("height_cm", "number", "cm", "Height.", empty=UNKNOWN),
+    Column(
+        "weight_kg", "number", "kg", "Weight; in pregnancy, the weight before it.", empty=UNKNOWN
+    ),
+    Column("activity", "word", meaning="Physical activity.", values=ACTIVITIES, empty=UNKNOWN),
+    Column("is_pregnant", "boolean", meaning="Whether the participant is pregnant.", empty=UNKNOWN),
+    Column("trimester", "integer", meaning="Trimester of the pregnancy, 1 to 3.", empty=UNKNOWN),
+    Column(
+        "is_lactating", "boolean", meaning="Whether the participant is lactating.", empty=UNKNOWN
+    ),
+    Column("lactation_months", "integer", meaning="Completed months since birth.", empty=UNKNOWN),
+)
+MEALS = (
+    Column("meals", "integer", meaning="Meals of the participant."),
+    Column("first_meal_on", "day", meaning="The first local day with a meal.", empty=NO_MEALS),
+    Column("last_meal_on", "day", meaning="The last local day with a meal.", empty=NO_MEALS),
+)
+PARTICIPANT_COLUMNS = (
+    STUDY,
+    PARTICIPANT,
+    *PROFILE,
+    Column(
+        "starts_on",
+        "day",
+        meaning="The local day that is study day 1.",
+        empty="It is that of the first meal.",
+    ),
+    Column(
+        "enrolled_at",
+        "instant",
+        meaning="When the first phone was enrolled.",
+        empty="No phone was enrolled.",
+    ),
+    Column(
+        "withdrawn_at",
+        "instant",
+        meaning="When the participant left the study.",
+        empty="They are in it.",
+    ),
+    *MEALS,
 )
 
 

@@ -17,11 +17,10 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from fastapi.responses import StreamingResponse
 
 from app.db.session import Database
-from app.http.closing_stream import ClosingStream
-from app.http.conditions import is_held
 from app.http.model_response import ModelResponse
-from app.http.parameters import MealId, OfWhichParticipant
+from app.http.parameters import MealId, OfWhichParticipant, is_held
 from app.http.problems import problem_responses
+from app.http.ranges import ClosingStream
 from app.jobs.queue import JobQueue
 from app.meals.stored import queries as meals
 from app.meals.stored.item_state import REMEASURING

@@ -12,7 +12,7 @@ import structlog
 from app.core.errors import TadaError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.operations.doctor import doctor_data, doctor_foods, doctor_settings, doctor_work
+from app.operations.doctor import doctor_data, doctor_settings, doctor_work
 from app.operations.doctor.finding import Deployment, Finding, Verdict
 
 __all__ = ["Finding", "examine"]
@@ -69,8 +69,8 @@ CHECKS = (
     Check("webhooks' secrets", doctor_work.look_at_webhook_secrets, DATABASE),
     Check("webhooks", doctor_work.look_at_webhooks, DATABASE),
     Check("backup", doctor_work.look_at_backup, DATABASE),
-    Check("index of foods", doctor_foods.look_at_food_index, DATABASE),
-    Check("classifier", doctor_foods.look_at_classifier, DATABASE),
+    Check("index of foods", doctor_settings.look_at_food_index, DATABASE),
+    Check("classifier", doctor_settings.look_at_classifier, DATABASE),
     Check("index", doctor_work.look_at_index, DATABASE),
 )
 

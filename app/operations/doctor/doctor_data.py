@@ -14,16 +14,14 @@ from app.core.settings import Settings
 from app.db.schema_state import SchemaState, current_revision, head_revision, schema_state
 from app.exports.releases import queries as releases
 from app.meals.stored import queries as meals
-from app.operations import doctor_queries as doctor
+from app.operations import queries as doctor
 from app.operations.doctor.finding import Deployment, Verdict, bad, note, ok, some
-from app.operations.doctor_queries import PostgresFacts
-from app.operations.figure_queries import database_now
+from app.operations.queries import PostgresFacts, database_now
 from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretKeyError, require_same_key
 from app.people.privacy_queries import clock_doubted_seconds
-from app.privacy.erasure_ledger import KINDS
-from app.privacy.ledger_gaps import count_missing
-from app.privacy.missing_blobs import find_missing
+from app.privacy.delete_blobs import find_missing
+from app.privacy.erasure_ledger import KINDS, count_missing
 from app.storage.blob_store import BlobStore
 
 # server_version_num; older servers do not detect dead clients (app/db/migrate.py)

@@ -10,9 +10,9 @@ from app.exports.releases import queries as releases
 from app.jobs import queries as jobs
 from app.jobs.queue import JobQueue, sweep
 from app.metrics.instruments import SERVER_FAILURES
-from app.operations import doctor_queries as doctor
+from app.operations import queries as doctor
 from app.operations.doctor.finding import LISTED, Deployment, Verdict, bad, note, ok
-from app.operations.figure_queries import first_event_at, last_backup
+from app.operations.queries import first_event_at, last_backup
 from app.people.access.secret_box import SecretKeyError
 from app.records.project_records import project_meal
 from app.vision.looks.vcm import VCM_VERSION

@@ -7,7 +7,7 @@ from typing import Literal
 from app.core.settings import Settings
 from app.db.session import Database
 from app.jobs.leases import living_workers
-from app.operations.figure_queries import Figures, figures
+from app.operations.queries import Figures, figures
 from app.people.access.secret_box import SecretBox, existing_secret_box
 from app.privacy.erasure_ledger import ErasureLedger
 from app.storage.blob_store import BlobStore

@@ -22,7 +22,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from app.core.errors import InvalidInputError, NotAllowedError, NotFoundError, UnauthenticatedError
 from app.http.rate_limit import CallLimits, call_class
 from app.http.state import ApiState
-from app.metrics.reader import may_read
+from app.metrics.server import may_read
 from app.people.access import page_rules as pages
 from app.people.access.caller import (
     Caller,
@@ -52,7 +52,7 @@ class Rule:
 
     staff: the least role in the study; "any": all staff; None: no staff. Admins may call whatever staff may call.
     session: staff must have signed in with a password; a personal token is not enough. scraper: only readers of metrics
-    (app/metrics/reader.py). page: called by a browser with the session in a cookie (people/access/page_rules.py).
+    (app/metrics/server.py). page: called by a browser with the session in a cookie (people/access/page_rules.py).
     """
 
     is_open: bool = False

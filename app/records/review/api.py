@@ -9,11 +9,17 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request
 
-from app.http.conditions import IfMatch, expected_versions
 from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit, next_page
-from app.http.parameters import MealId, OfParticipant, OfWhichParticipant, StudyCode
+from app.http.parameters import (
+    IfMatch,
+    MealId,
+    OfParticipant,
+    OfWhichParticipant,
+    StudyCode,
+    expected_versions,
+)
 from app.http.problems import problem_responses
 from app.meals.stored.models import MealOrigin
 from app.meals.stored.record_models import EffectiveRecord

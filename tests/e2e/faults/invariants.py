@@ -17,7 +17,7 @@ from app.children.child_pool import ChildPoolClosedError
 from app.core.errors import StorageFullError, UnavailableError
 from app.core.settings import Settings
 from app.db.session import Database
-from app.db.spent_key_models import SpentKey
+from app.db.spent_keys import SpentKey
 from app.jobs import queries as jobs
 from app.meals.stored.job_models import LIVE_STATES, Job
 from app.meals.stored.models import Meal, MealImage

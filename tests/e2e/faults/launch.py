@@ -49,11 +49,11 @@ def main(folder, *command, parent):
 
 def delete_orphans_soon():
     from app import worker
-    from app.privacy import orphan_rounds
+    from app.privacy import delete_blobs
     from app.privacy.delete_blobs import BlobDeleter
 
     BlobDeleter.orphan_batches = functools.partialmethod(BlobDeleter.orphan_batches, ORPHAN_GRACE)
-    orphan_rounds.FILES = orphan_rounds.BUCKET = orphan_rounds.Pace(
+    delete_blobs.FILES = delete_blobs.BUCKET = delete_blobs.Pace(
         interval=timedelta(seconds=ORPHAN_ROUND_SECONDS), first_after=timedelta(0)
     )
     worker_chores = worker.worker_chores

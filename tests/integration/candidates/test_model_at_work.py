@@ -12,7 +12,7 @@ from app.jobs import queries as jobs
 from app.meals.estimate.child_tasks import TASKS
 from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.job_models import Job
-from app.operations.doctor.doctor_foods import look_at_classifier
+from app.operations.doctor.doctor_settings import look_at_classifier
 from app.operations.doctor.finding import Deployment
 from tests.integration.conftest import meal_metadata
 from tests.support.estimates import answer, found_item

@@ -21,7 +21,7 @@ from app.db.schema_state import (
     schema_state,
 )
 from app.db.session import Database
-from app.operations.health import check_readiness
+from app.operations.health_api import check_readiness
 from app.storage.opening import open_blob_store
 from tests.support.commands import run_tada
 

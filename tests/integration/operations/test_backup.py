@@ -28,7 +28,7 @@ from app.operations.backup import restore as restore_module
 from app.operations.backup.restore import CHANGE_SEQ_JUMP
 from app.operations.backup.table_files import TRANSIENT_TABLES, schema_of, tables_at
 from app.operations.backup.write_backup import write_backup
-from app.operations.figure_queries import last_backup
+from app.operations.queries import last_backup
 from app.people.access.last_use import LastUse
 from app.people.access.secret_box import SecretKeyError
 from app.privacy.delete_blobs import BlobDeleter

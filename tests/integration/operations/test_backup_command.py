@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from app.operations.backup import write_backup
-from app.operations.figure_queries import last_backup
+from app.operations.queries import last_backup
 from app.people.privacy_models import Tombstone
 from tests.integration.operations.deployments import SECRET, deployment
 from tests.integration.operations.test_backup_refused import add_meal

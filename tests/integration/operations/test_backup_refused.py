@@ -27,7 +27,7 @@ from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import Run
 from app.nutrition.foods import load_starter_table
 from app.operations.backup.archive import FORMAT, LACKING, MANIFEST, SEAL, ArchiveWriter
-from app.operations.backup.read_backup import check_backup
+from app.operations.backup.restore import check_backup
 from app.people.access.secret_box import SecretBox, SecretKeyError
 from app.people.models import Device, Participant, Study
 from app.storage.opening import open_blob_store

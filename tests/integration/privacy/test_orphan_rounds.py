@@ -8,9 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.privacy.delete_blobs import BlobDeleter
-from app.privacy.missing_blobs import find_missing
-from app.privacy.orphan_rounds import SLICE_SECONDS, OrphanRounds, Pace
+from app.privacy.delete_blobs import SLICE_SECONDS, BlobDeleter, OrphanRounds, Pace, find_missing
 from app.storage.opening import open_blob_store
 from tests.integration.people.persons import Person
 from tests.support.stores import make_old
@@ -42,7 +40,7 @@ def rounds(state, clock, pace=HOURLY):
 
 def workers(monkeypatch, *alive):
     found = [SimpleNamespace(host=host, pid=pid) for host, pid in alive]
-    monkeypatch.setattr("app.privacy.orphan_rounds.living_workers", lambda _: found)
+    monkeypatch.setattr("app.privacy.delete_blobs.living_workers", lambda _: found)
 
 
 def test_oldest_worker_deletes_orphans_and_the_others_leave_it_to_it(state, orphans, clock, monkeypatch):

@@ -13,7 +13,7 @@ from app.cli.main import cli
 from app.meals.stored.models import MealImage
 from app.operations import trusted_clock
 from app.operations.chores import worker_chores
-from app.operations.figure_queries import database_now
+from app.operations.queries import database_now
 from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.models import Study

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.cli.demo_menus import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
+from app.cli.demo import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
 from app.meals.estimate.estimate_files import estimate_files, read_options
 
 SEED = 39

@@ -21,7 +21,7 @@ from app.outbox.write import announce
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, Study
 from app.people.privacy_models import AuditEvent
-from app.privacy.announce import announce_withdrawal
+from app.privacy.erase import announce_withdrawal
 from app.webhooks import deliver_webhooks
 from app.webhooks import queries as sql
 from app.webhooks.deliver_webhooks import MAX_ATTEMPTS, PAUSES, DeliverWebhooks

@@ -20,7 +20,7 @@ from app.outbox.models import ALL_EVENTS, EVENTS, Webhook, WebhookDelivery
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant
 from app.people.privacy_models import AuditEvent
-from app.privacy.announce import announce_meal_deletion, announce_withdrawal
+from app.privacy.erase import announce_meal_deletion, announce_withdrawal
 from app.webhooks import safe_address
 from app.webhooks.deliver_webhooks import DeliverWebhooks
 from app.webhooks.webhook_post import WebhookPost

@@ -14,7 +14,7 @@ from app.core.errors import Failure
 from app.core.settings import Settings
 from app.meals.estimate.photo_tasks import classify_task
 from app.meals.stored.run_answer import RunAnswer
-from app.operations.doctor.doctor_foods import look_at_classifier
+from app.operations.doctor.doctor_settings import look_at_classifier
 from app.operations.doctor.finding import Deployment
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.worker import TASKS

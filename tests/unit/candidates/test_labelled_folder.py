@@ -11,7 +11,7 @@ from app.candidates.labelled_folder import build_from_folder, labelled_photos
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.identification.food_index import open_index
-from app.operations.doctor.doctor_foods import look_at_food_index
+from app.operations.doctor.doctor_settings import look_at_food_index
 from app.operations.doctor.finding import Deployment
 from app.vision.model import Photo
 from tests.support.commands import run_tada

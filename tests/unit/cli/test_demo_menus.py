@@ -4,13 +4,13 @@ import csv
 import importlib.resources
 import io
 
-from app.cli import demo_menus
-from app.cli.demo_menus import OCCASIONS
+from app.cli import demo
+from app.cli.demo import OCCASIONS
 from app.cli.demo_study import PHOTOGRAPHED
 
 BUNDLED = importlib.resources.files("app") / "demo_data"
 STARTER = importlib.resources.files("app") / "nutrition" / "starter" / "nutrients.csv"
-PLATES = {plate.folder: plate for plate in vars(demo_menus).values() if isinstance(plate, demo_menus.Plate)}
+PLATES = {plate.folder: plate for plate in vars(demo).values() if isinstance(plate, demo.Plate)}
 
 
 def test_every_food_of_the_sample_study_is_in_the_starter_table_and_every_bundled_pair_in_the_study():

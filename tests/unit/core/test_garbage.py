@@ -6,7 +6,7 @@ def test_rows_without_cycles_cause_no_collection():
     """In a process of its own: the settings are a process's."""
     program = """
 import gc
-from app.core.garbage import collect_rarely
+from app.core.process_life import collect_rarely
 collect_rarely()
 before = [generation["collections"] for generation in gc.get_stats()]
 rows = [[(number, float(number)), [number]] for number in range(10_000)]

@@ -10,8 +10,15 @@ import uuid
 import pytest
 import structlog
 
-from app.core.log_causes import MAX_LINES, WINDOW_SECONDS, OneTracebackPerCause
-from app.core.logs import bind_log_context, configure_logging, log_context, request_id_of
+from app.core.logs import (
+    MAX_LINES,
+    WINDOW_SECONDS,
+    OneTracebackPerCause,
+    bind_log_context,
+    configure_logging,
+    log_context,
+    request_id_of,
+)
 from app.core.settings import Settings
 
 

@@ -15,8 +15,8 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.metrics import instruments
 from app.operations.doctor import doctor_work
-from app.operations.figure_queries import Figures, FilesWaiting, LastBackup
 from app.operations.figures import Deployment, DeploymentFigures
+from app.operations.queries import Figures, FilesWaiting, LastBackup
 from app.storage.local import LocalBlobStore
 
 ROOT = pathlib.Path(__file__).parents[3]

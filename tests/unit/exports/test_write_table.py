@@ -11,7 +11,7 @@ from app.exports.live_tables import limited_duckdb
 from app.exports.table_selects import TableSelect
 from app.exports.write_table import write_table
 from app.http.columns.column import Column
-from app.http.csv_cells import FORMULA_STARTS
+from app.http.flat_rows import FORMULA_STARTS
 
 COLUMNS = (
     Column("id", "id"),

@@ -3,7 +3,7 @@
 import anyio
 import pytest
 
-from app.http.closing_stream import ClosingStream
+from app.http.ranges import ClosingStream
 
 
 class Source:

@@ -1,7 +1,7 @@
 import pytest
 
 from app.core.errors import MalformedRequestError
-from app.http.conditions import expected_versions
+from app.http.parameters import expected_versions
 
 
 @pytest.mark.parametrize(

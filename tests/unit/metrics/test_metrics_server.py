@@ -11,8 +11,7 @@ from prometheus_client import CollectorRegistry, Counter
 from prometheus_client.parser import text_string_to_metric_families
 
 from app.metrics import server as server_module
-from app.metrics.reader import may_read
-from app.metrics.server import MetricsServer
+from app.metrics.server import MetricsServer, may_read
 from tests.support.waiting import PATIENCE_SECONDS, wait_until
 
 TOKEN = "a token for tests of metrics"

@@ -7,13 +7,13 @@ import time
 
 import pytest
 
-from app.storage import staging
-from app.storage.staging import LOCK_SUFFIX, Staging
+from app.storage import blob_store
+from app.storage.blob_store import LOCK_SUFFIX, Staging
 
 LONG_AGO = 400 * 24 * 3600.0
 OTHER_PROCESS = """
 import sys, pathlib, time
-from app.storage.staging import Staging
+from app.storage.blob_store import Staging
 mine = Staging(pathlib.Path(sys.argv[1]))
 (mine.folder / "photograph").write_bytes(b"x")
 (mine.folder / "estimate").mkdir()
@@ -33,7 +33,7 @@ def other_process():
             [sys.executable, "-c", OTHER_PROCESS, str(parent), what], stdout=subprocess.PIPE, text=True
         )
         processes.append(process)
-        return process, staging.Path(process.stdout.readline().strip())
+        return process, blob_store.Path(process.stdout.readline().strip())
 
     yield start
     for process in processes:
@@ -73,7 +73,7 @@ def test_process_that_ends_well_and_a_store_that_is_given_up_leave_nothing(tmp_p
 
 def test_lock_that_was_removed_before_it_was_held_is_not_used(tmp_path, monkeypatch):
     """Another process may look at the file in the moment between its making and its lock."""
-    flock, removed = staging.fcntl.flock, []
+    flock, removed = blob_store.fcntl.flock, []
 
     def removed_first(handle, operation):
         if not removed:
@@ -81,7 +81,7 @@ def test_lock_that_was_removed_before_it_was_held_is_not_used(tmp_path, monkeypa
             removed[0].unlink()
         return flock(handle, operation)
 
-    monkeypatch.setattr(staging.fcntl, "flock", removed_first)
+    monkeypatch.setattr(blob_store.fcntl, "flock", removed_first)
     ours = Staging(tmp_path)
     assert removed[0].name not in everything_in(tmp_path)
     assert ours.folder.with_name(ours.folder.name + LOCK_SUFFIX).exists()
