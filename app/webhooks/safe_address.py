@@ -124,13 +124,13 @@ def parse_target(url: str, *, allow_loopback: bool) -> Target:
 
 
 def resolve_safely(
-    target: Target, *, allow_loopback: bool, resolve: Resolver | None = None
+    host: str, port: int, *, allow_loopback: bool, resolve: Resolver | None = None
 ) -> tuple[str, ...]:
-    """Return the target's addresses, all public; connect to these without resolving again.
+    """Return the host's addresses, all public; connect to these without resolving again.
 
     allow_loopback: also accept 127.0.0.1. Raises AddressError if there is no address, or one of them is not public.
     """
-    addresses = (resolve or system_resolver)(target.host, target.port)
+    addresses = (resolve or system_resolver)(host, port)
     if not addresses:
         raise AddressError("The name in the URL does not resolve.")
     for address in addresses:

@@ -1,34 +1,33 @@
 """One HTTP POST to a webhook's receiver, at a checked address and within a total time.
 
-The connection goes to the checked address, while `Host`, SNI and certificate verification use the name. Redirects and
-proxies of the environment are ignored; of the response, only status and headers count. Many POSTs can share
-connections.
+A pool of connections by names, whose network connects to checked addresses alone: `Host`, SNI and
+certificate are those of the URL's name. There are no redirects and no proxies of the environment;
+of the response, only status and headers count. Many POSTs can share connections.
 """
 
 import asyncio
 import ssl
-from collections import defaultdict
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TypeVar, cast
+from typing import TypeVar
 
-import anyio
 import anyio.to_thread
-import httpx2
+import httpcore2
 
-from app.webhooks.safe_address import AddressError, Resolver, Target, parse_target, resolve_safely
+from app.webhooks.safe_address import AddressError, Resolver, parse_target, resolve_safely
 
 TOTAL_SECONDS = 10.0  # for look-up, connecting, handshake, sending and the response's head together
 STEP_SHARE = 0.9  # of the total time, for one step
 MAX_HEADERS = 100  # a response with more is refused
 MAX_CONNECTIONS, MAX_KEPT_CONNECTIONS = 100, 20  # the first: more than POSTs are sent at once
-MAX_LOOKUPS = 64  # at once; at least as many as POSTs are sent at once, so that a slow look-up delays no other
 MAX_BODY_BYTES = (
     16 * 1024
 )  # of a response whose connection is kept; after a longer one it is closed
 BODY_SECONDS = 1.0  # for the body of such a response; after a slower one the connection is closed
+NO_HTTP = "The answer was not HTTP."
+BROKEN = (httpcore2.TimeoutException, httpcore2.NetworkError, httpcore2.ProtocolError)
 
 ErrorT = TypeVar("ErrorT", bound=BaseException)
 
@@ -50,8 +49,37 @@ class Answer:
 AsyncSend = Callable[[str, Mapping[str, str], bytes], Awaitable[Answer]]
 
 
+class CheckedNetwork(httpcore2.AnyIOBackend):
+    """Connects to the first of a name's checked addresses that accepts.
+
+    addresses_of: name, port -> addresses; raises AddressError
+    """
+
+    def __init__(self, addresses_of: Callable[[str, int], tuple[str, ...]]) -> None:
+        self._addresses_of = addresses_of
+
+    async def connect_tcp(
+        self,
+        host: str,
+        port: int,
+        timeout: float | None = None,  # noqa: ASYNC109  # the library's own parameter
+        local_address: str | None = None,
+        socket_options: Iterable[httpcore2.SOCKET_OPTION] | None = None,
+    ) -> httpcore2.AsyncNetworkStream:
+        """Return a connection. Raises AddressError, httpcore2.ConnectError."""
+        *others, last = await anyio.to_thread.run_sync(
+            self._addresses_of, host, port, abandon_on_cancel=True
+        )
+        for address in others:
+            with suppress(httpcore2.ConnectError):
+                return await super().connect_tcp(
+                    address, port, timeout, local_address, socket_options
+                )
+        return await super().connect_tcp(last, port, timeout, local_address, socket_options)
+
+
 class WebhookPost:
-    """Sends; one per process, safe to share between threads. resolve, tls, transport: replaced in tests."""
+    """Sends; one per process, safe to share between threads. resolve, tls, pool: for tests."""
 
     def __init__(
         self,
@@ -60,13 +88,15 @@ class WebhookPost:
         total_seconds: float = TOTAL_SECONDS,
         resolve: Resolver | None = None,
         tls: ssl.SSLContext | None = None,
-        transport: httpx2.AsyncBaseTransport | None = None,
+        pool: httpcore2.AsyncConnectionPool | None = None,
     ) -> None:
         self._allow_loopback = allow_loopback
         self._total_seconds = total_seconds
-        self._resolve = resolve
+        self._network = CheckedNetwork(
+            partial(resolve_safely, allow_loopback=allow_loopback, resolve=resolve)
+        )
         self._tls = tls or ssl.create_default_context()
-        self._transport = transport
+        self._pool = pool
 
     def send(self, url: str, headers: Mapping[str, str], body: bytes) -> Answer:
         """POST the body. Failures of the receiver or the network are returned, not raised."""
@@ -79,120 +109,70 @@ class WebhookPost:
 
     @asynccontextmanager
     async def kept_connections(self) -> AsyncIterator[AsyncSend]:
-        """Yield a coroutine that POSTs as `send` does, many at once, by connections that are kept until the end.
-
-        A host's addresses are resolved and checked once; after a failure the next POST tries again.
-        """
-        limits = httpx2.Limits(
-            max_connections=MAX_CONNECTIONS, max_keepalive_connections=MAX_KEPT_CONNECTIONS
+        """Yield a coroutine that POSTs as `send` does, many at once, by connections that are kept."""
+        pool = self._pool or httpcore2.AsyncConnectionPool(
+            ssl_context=self._tls,
+            max_connections=MAX_CONNECTIONS,
+            max_keepalive_connections=MAX_KEPT_CONNECTIONS,
+            network_backend=self._network,
         )
-        transport = self._transport or httpx2.AsyncHTTPTransport(
-            verify=self._tls, trust_env=False, limits=limits
-        )
-        async with transport:
-            yield partial(self._send, transport, _Lookups(self._resolve_safely))
+        async with pool:
+            yield partial(self._send, pool)
 
     async def _send(
         self,
-        transport: httpx2.AsyncBaseTransport,
-        lookups: "_Lookups",
+        pool: httpcore2.AsyncConnectionPool,
         url: str,
         headers: Mapping[str, str],
         body: bytes,
     ) -> Answer:
         try:
-            target = parse_target(url, allow_loopback=self._allow_loopback)
+            request = self._request(url, headers, body)
             async with asyncio.timeout(self._total_seconds):
-                addresses = await lookups.addresses_of(target)
-                if lookups.are_of_another_name(target, addresses):
-                    async with self.kept_connections() as send_alone:
-                        return await send_alone(url, headers, body)
-                requests = [self._request(target, address, headers, body) for address in addresses]
                 try:
-                    response = await _send_to_first(transport, requests)
-                except (httpx2.ReadError, httpx2.WriteError, httpx2.RemoteProtocolError):
+                    response = await pool.handle_async_request(request)
+                except (httpcore2.ReadError, httpcore2.WriteError, httpcore2.RemoteProtocolError):
                     # a kept connection may end before it has answered: it had been idle
-                    response = await _send_to_first(transport, requests)
-        except (AddressError, TimeoutError, httpx2.TransportError) as error:
-            return self._failure(error)
+                    response = await pool.handle_async_request(request)
+        except AddressError as error:
+            return Answer(None, error.message)
+        except (TimeoutError, httpcore2.TimeoutException):
+            return Answer(None, f"No answer within {self._total_seconds:g} seconds.")
+        except httpcore2.ProtocolError:
+            return Answer(None, NO_HTTP)
+        except httpcore2.NetworkError as error:
+            return Answer(None, _why_not_connected(error))
         await _end_body(response)
         return _answer(response)
 
-    def _resolve_safely(self, target: Target) -> tuple[str, ...]:
-        return resolve_safely(target, allow_loopback=self._allow_loopback, resolve=self._resolve)
-
-    def _failure(self, error: AddressError | TimeoutError | httpx2.TransportError) -> Answer:
-        if isinstance(error, AddressError):
-            return Answer(None, error.message)
-        if isinstance(error, (TimeoutError, httpx2.TimeoutException)):
-            return Answer(None, f"No answer within {self._total_seconds:g} seconds.")
-        if isinstance(error, httpx2.ProtocolError):
-            return Answer(None, "The answer was not HTTP.")
-        return Answer(None, _why_not_connected(error))
-
-    def _request(
-        self, target: Target, address: str, headers: Mapping[str, str], body: bytes
-    ) -> httpx2.Request:
-        host = f"[{address}]" if ":" in address else address
+    def _request(self, url: str, headers: Mapping[str, str], body: bytes) -> httpcore2.Request:
+        target = parse_target(url, allow_loopback=self._allow_loopback)
         # per step, so that the library itself ends a stalled step and closes the connection
         timeouts = dict.fromkeys(
             ("connect", "read", "write", "pool"), STEP_SHARE * self._total_seconds
         )
-        return httpx2.Request(
+        return httpcore2.Request(
             "POST",
-            f"{target.scheme}://{host}:{target.port}{target.path}",
-            headers={"Host": target.host_header, "Content-Length": str(len(body)), **headers},
+            httpcore2.URL(
+                scheme=target.scheme, host=target.host, port=target.port, target=target.path
+            ),
+            headers=[
+                ("Host", target.host_header),
+                ("Content-Length", str(len(body))),
+                *headers.items(),
+            ],
             content=body,
-            extensions={"sni_hostname": target.host, "timeout": timeouts},
+            extensions={"timeout": timeouts},
         )
 
 
-class _Lookups:
-    """The checked addresses of hosts, each looked up once, and whose connections are kept to which address."""
-
-    def __init__(self, resolve_safely: Callable[[Target], tuple[str, ...]]) -> None:
-        self._resolve_safely = resolve_safely
-        self._threads = anyio.CapacityLimiter(MAX_LOOKUPS)
-        self._locks: defaultdict[str, asyncio.Lock] = defaultdict(asyncio.Lock)
-        self._addresses: dict[str, tuple[str, ...]] = {}  # by host
-        self._hosts: dict[tuple[str, int], str] = {}  # by address and port
-
-    async def addresses_of(self, target: Target) -> tuple[str, ...]:
-        """Return the target's addresses. Raises AddressError."""
-        async with self._locks[target.host]:
-            if target.host not in self._addresses:
-                self._addresses[target.host] = await anyio.to_thread.run_sync(
-                    self._resolve_safely, target, abandon_on_cancel=True, limiter=self._threads
-                )
-        return self._addresses[target.host]
-
-    def are_of_another_name(self, target: Target, addresses: tuple[str, ...]) -> bool:
-        """Whether a connection to one of them may have the certificate of another name."""
-        hosts = [self._hosts.setdefault((each, target.port), target.host) for each in addresses]
-        return set(hosts) != {target.host}
-
-
-async def _send_to_first(
-    transport: httpx2.AsyncBaseTransport, requests: Sequence[httpx2.Request]
-) -> httpx2.Response:
-    """Send to the first address that accepts a connection."""
-    *others, last = requests
-    for request in others:
-        try:
-            return await transport.handle_async_request(request)
-        except httpx2.ConnectError as error:
-            if _cause(error, ssl.SSLError) is not None:
-                raise
-    return await transport.handle_async_request(last)
-
-
-async def _end_body(response: httpx2.Response) -> None:
-    """Read the body, so that the connection can be used again; close it if the body is long, slow or cut."""
+async def _end_body(response: httpcore2.Response) -> None:
+    """Read the body, so that the connection can be used again; close it if it is long, slow or cut."""
     size = 0
     try:
-        with suppress(TimeoutError, httpx2.TransportError):
+        with suppress(TimeoutError, *BROKEN):
             async with asyncio.timeout(BODY_SECONDS):
-                async for part in cast("httpx2.AsyncByteStream", response.stream):
+                async for part in response.aiter_stream():
                     size += len(part)
                     if size > MAX_BODY_BYTES:
                         return
@@ -200,13 +180,15 @@ async def _end_body(response: httpx2.Response) -> None:
         await response.aclose()
 
 
-def _answer(response: httpx2.Response) -> Answer:
-    if len(response.headers.raw) > MAX_HEADERS:
-        return Answer(None, "The answer was not HTTP.")
-    return Answer(response.status_code, None, _seconds(response.headers.get("Retry-After")))
+def _answer(response: httpcore2.Response) -> Answer:
+    if len(response.headers) > MAX_HEADERS:
+        return Answer(None, NO_HTTP)
+    by_name = {name.lower(): value for name, value in response.headers}
+    seconds = by_name.get(b"retry-after", b"")  # dates, its other form, are ignored
+    return Answer(response.status, None, float(seconds) if seconds.isdigit() else None)
 
 
-def _why_not_connected(error: httpx2.TransportError) -> str:
+def _why_not_connected(error: httpcore2.NetworkError) -> str:
     certificate = _cause(error, ssl.SSLCertVerificationError)
     if certificate is not None:
         return f"The certificate was not accepted: {certificate.verify_message}."[:200]
@@ -223,12 +205,3 @@ def _cause(error: BaseException, kind: type[ErrorT]) -> ErrorT | None:
     while cause is not None and not isinstance(cause, kind):
         cause = cause.__cause__ or cause.__context__
     return cause
-
-
-def _seconds(retry_after: str | None) -> float | None:
-    """Parse Retry-After in seconds; dates, its other form, are ignored."""
-    return (
-        float(retry_after)
-        if retry_after is not None and retry_after.isascii() and retry_after.isdigit()
-        else None
-    )

@@ -204,8 +204,8 @@ class Webhooks:
 
     def _check_url(self, url: str) -> None:
         """Check a URL. Call it outside any transaction, since resolving a name takes time."""
-        allow = self.allow_loopback
-        resolve_safely(parse_target(url, allow_loopback=allow), allow_loopback=allow)
+        target = parse_target(url, allow_loopback=self.allow_loopback)
+        resolve_safely(target.host, target.port, allow_loopback=self.allow_loopback)
 
 
 def _enabled(hook: Webhook) -> Webhook:

@@ -108,31 +108,31 @@ def test_any_text_is_parsed_or_refused(text):
 def test_all_public_answers_are_handed_on_in_their_order_and_one_bad_one_or_none_refuses_all():
     target = parse_target("https://hooks.example.org/", allow_loopback=False)
     public = ("2606:4700::1111", "8.8.8.8")
-    assert resolve_safely(target, allow_loopback=False, resolve=resolving_to(*public)) == public
+    assert resolve_safely(target.host, target.port, allow_loopback=False, resolve=resolving_to(*public)) == public
     for answers in (["10.0.0.1"], ["8.8.8.8", "10.0.0.1"], ["10.0.0.1", "8.8.8.8"]):
         with pytest.raises(AddressError) as refused:
-            resolve_safely(target, allow_loopback=False, resolve=resolving_to(*answers))
+            resolve_safely(target.host, target.port, allow_loopback=False, resolve=resolving_to(*answers))
         assert "10.0.0.1" not in refused.value.message  # it would draw a map of the network
     with pytest.raises(AddressError, match="does not resolve"):
-        resolve_safely(target, allow_loopback=False, resolve=resolving_to())
+        resolve_safely(target.host, target.port, allow_loopback=False, resolve=resolving_to())
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "[::1]"])
 def test_address_in_the_url_is_checked_as_a_resolved_one_is(address):
     target = parse_target(f"https://{address}/", allow_loopback=False)
     with pytest.raises(AddressError, match="not public"):
-        resolve_safely(target, allow_loopback=False)
+        resolve_safely(target.host, target.port, allow_loopback=False)
 
 
 def test_setting_opens_127_0_0_1_and_nothing_else():
     target = parse_target("http://127.0.0.1:8000/hook", allow_loopback=True)
-    assert resolve_safely(target, allow_loopback=True) == ("127.0.0.1",)
+    assert resolve_safely(target.host, target.port, allow_loopback=True) == ("127.0.0.1",)
     for url in ("http://hooks.example.org/", "http://127.0.0.2/", "http://localhost/", "http://[::1]/"):
         with pytest.raises(AddressError):
             parse_target(url, allow_loopback=True)
     for address in ("127.0.0.2", "::1", "10.0.0.1", "169.254.169.254"):
         with pytest.raises(AddressError):
-            resolve_safely(target, allow_loopback=True, resolve=resolving_to(address))
+            resolve_safely(target.host, target.port, allow_loopback=True, resolve=resolving_to(address))
 
 
 def test_resolver_that_hangs_or_fails_gives_no_answer(monkeypatch):

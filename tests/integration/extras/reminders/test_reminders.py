@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 from urllib.parse import urlsplit
 
+import httpcore2
 import httpx2
 import pytest
 import sqlalchemy as sa
@@ -32,18 +33,18 @@ MORNING = datetime(2026, 11, 27, 8, tzinfo=UTC)
 
 
 class PushService:
-    """Takes messages, as a transport of HTTP; answers with `status` once `may_answer` is set."""
+    """Takes messages, as a pool of connections; answers with `status` once `may_answer` is set."""
 
     def __init__(self):
         self.requests, self.answers, self.status, self.may_answer = [], 0, 201, threading.Event()
         self.may_answer.set()
 
     async def handle_async_request(self, request):
-        await request.aread()
-        self.requests.append(request)
+        content = b"".join([part async for part in request.stream])
+        self.requests.append(httpx2.Request("POST", ENDPOINT, headers=request.headers, content=content))
         await asyncio.to_thread(self.may_answer.wait, PATIENCE_SECONDS)
         self.answers += 1
-        return httpx2.Response(self.status)
+        return httpcore2.Response(self.status)
 
     async def __aenter__(self):
         return self
@@ -75,7 +76,7 @@ def clock():
 @pytest.fixture
 def make_sender(state, service, clock):
     """Return a worker's chore that sends to the push service at the clock's time."""
-    post = WebhookPost(allow_loopback=False, resolve=lambda *_: ["93.184.215.14"], transport=service)
+    post = WebhookPost(allow_loopback=False, resolve=lambda *_: ["93.184.215.14"], pool=service)
     return lambda: SendReminders(state.database, state.part(SecretBox), post, CONTACT, now=lambda: clock[0])
 
 
@@ -165,16 +166,18 @@ def test_impossible_settings_and_an_endpoint_that_no_push_service_has_are_refuse
         assert (refused.status_code, refused.json()["code"]) == (422, "webhook_address_refused"), endpoint
 
 
-def test_endpoint_inside_the_servers_network_is_never_called(phone, browser, state, service):
+def test_endpoint_inside_the_servers_network_is_never_called(phone, browser, state, monkeypatch):
     phone.put(PATH, json=wanted(browser))
-    post = WebhookPost(allow_loopback=False, resolve=lambda *_: ["169.254.169.254"], transport=service)
+    connections = []
+    monkeypatch.setattr(httpcore2.AnyIOBackend, "connect_tcp", lambda *place: connections.append(place))
+    post = WebhookPost(allow_loopback=False, resolve=lambda *_: ["169.254.169.254"])
     now = datetime.now(UTC) + timedelta(days=1)
     with state.database.write() as session:
         session.query(PushSubscription).one().next_at = now
     sender = SendReminders(state.database, state.part(SecretBox), post, CONTACT, now=lambda: now)
     assert sender.run() == 1
     sender.wait_until_idle(PATIENCE_SECONDS)
-    assert service.requests == []
+    assert connections == []
 
 
 def test_phone_is_reminded_at_each_of_its_times_once_until_it_signs_out_and_only_it_can_read_that(
