@@ -6,6 +6,7 @@ entered. A field may have a structure: a number, or lines of parts separated by 
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Annotated, TypeVar
 
 from fastapi import Depends, Request
@@ -77,9 +78,29 @@ def read_form(
     return body
 
 
-def wrong_fields(error: TadaError, field: str = "") -> dict[str, str]:
-    """Return field -> sentence for a refused form; field: where the message of any other error belongs."""
-    return error.wrong if isinstance(error, WrongFormError) else {field: error.message}
+@dataclass(frozen=True, slots=True)
+class FormState:
+    """What a page's form shows.
+
+    values: as they were entered
+    wrong: field -> what is wrong with it; "": with the form as a whole
+    status: of the page with a refused form; else 0
+    """
+
+    values: Mapping[str, object] = field(default_factory=dict)
+    wrong: Mapping[str, str] = field(default_factory=dict)
+    status: int = 0
+
+
+EMPTY_FORM = FormState()
+
+
+def refused(
+    error: TadaError, values: Mapping[str, object] = EMPTY_FORM.values, name: str = ""
+) -> FormState:
+    """Return a refused form with its values. name: the field to which any other error belongs."""
+    wrong = error.wrong if isinstance(error, WrongFormError) else {name: error.message}
+    return FormState(values, wrong, error.status)
 
 
 class WrongFieldError(ValueError):

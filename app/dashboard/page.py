@@ -11,7 +11,9 @@ from pydantic import BaseModel
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.core.errors import NotFoundError
+from app.dashboard.forms import EMPTY_FORM, FormState
 from app.dashboard.templates import render
+from app.db.session import Database
 from app.http.file_formats import FORMATS
 from app.http.flat_rows import encode_flat, flat_paths
 from app.http.state import ApiState
@@ -44,6 +46,11 @@ class Page:
         )
 
     @property
+    def database(self) -> Database:
+        """The process's database."""
+        return self.state.database
+
+    @property
     def study_code(self) -> str:
         """Code of the page's study. Raises NotFoundError."""
         return self.require_study().code
@@ -68,12 +75,24 @@ class Page:
         """Whether to show a control that needs this role in the study. The server checks again when it is used."""
         return reaches(self.role, needed)
 
-    def render(self, template: str, /, *, status: int = 200, **context: object) -> HTMLResponse:
-        """Render the template, which sees the page as `page`; a whole page shows the notice of the last action once."""
+    def render(
+        self,
+        template: str,
+        /,
+        *,
+        form: FormState = EMPTY_FORM,
+        status: int = 200,
+        **context: object,
+    ) -> HTMLResponse:
+        """Render the template, which sees the page as `page`, and the form's values and errors.
+
+        A whole page shows the notice of the last action once. status: where the form has no error.
+        """
         notice = None if self.is_fragment else self.request.cookies.get(NOTICE_COOKIE)
+        context = {"values": form.values, "wrong": form.wrong} | context
         answer = HTMLResponse(
             render(template, page=self, notice=unquote(notice) if notice else None, **context),
-            status_code=status,
+            status_code=form.status or status,
         )
         if notice:
             answer.delete_cookie(NOTICE_COOKIE, path=PREFIX)

@@ -226,7 +226,7 @@ def post_export(page: CurrentPage, study: str, fields: Fields) -> Response:
         return _exports(page, study, choice, None, status=422)
     try:
         _, is_new = background_exports.request_export(
-            page.state.database, page.caller, study, choice.spec
+            page.database, page.caller, study, choice.spec
         )
     except (InvalidInputError, RateLimitedError) as error:
         return _exports(
@@ -268,15 +268,15 @@ def get_dictionary(
 @router.get(f"{PATH}/{{export_id}}/file")
 def get_file(page: CurrentPage, study: str, export_id: uuid.UUID) -> Response:
     """A file that was made; interrupted downloads can resume."""
-    file = background_exports.open_export(page.state.database, page.caller, study, export_id)
+    file = background_exports.open_export(page.database, page.caller, study, export_id)
     return answer_stored_file(page.request, page.state.blobs, file)
 
 
 @router.post(f"{PATH}/{{export_id}}/removal")
 def post_removal(page: CurrentPage, study: str, export_id: uuid.UUID) -> Response:
     """Cancel an export, or remove its file."""
-    row = background_exports.read_export(page.state.database, page.caller, study, export_id)
-    background_exports.remove_export(page.state.database, page.caller, study, export_id)
+    row = background_exports.read_export(page.database, page.caller, study, export_id)
+    background_exports.remove_export(page.database, page.caller, study, export_id)
     notice = (
         "The export was cancelled." if row.export.state in UNDER_WAY else "The export was removed."
     )
@@ -295,8 +295,8 @@ def _spec(page: Page, study: str) -> ExportSpec:
 def _exports(page: Page, study: str, choice: Choice, cursor: str | None, status: int) -> Response:
     columns, row_count = None, None
     if choice.spec is not None:
-        columns = columns_for(page.state.database, page.study_caller, choice.spec)
-        row_count = count_export_rows(page.state.database, page.require_study().id, choice.spec)
+        columns = columns_for(page.database, page.study_caller, choice.spec)
+        row_count = count_export_rows(page.database, page.require_study().id, choice.spec)
     return page.render(
         "exports.html",
         status=status,
@@ -314,7 +314,7 @@ def _exports(page: Page, study: str, choice: Choice, cursor: str | None, status:
 
 def _list(page: Page, study: str, cursor: str | None) -> paging.Page[ExportRow]:
     exports = background_exports.list_exports(
-        page.state.database, page.caller, study, cursor=cursor, limit=EXPORTS_A_PAGE
+        page.database, page.caller, study, cursor=cursor, limit=EXPORTS_A_PAGE
     )
     return paging.Page([_export_row(page, row) for row in exports.rows], exports.cursor)
 

@@ -234,7 +234,7 @@ def get_overview_file(
 @router.get(f"{STUDY_PAGES}/waiting")
 def get_waiting(page: CurrentPage, study: str) -> Response:
     """The waiting meals; the page polls them."""
-    waiting, failures = study_waiting(page.state.database, page.caller, study)
+    waiting, failures = study_waiting(page.database, page.caller, study)
     return page.render(
         "overview_waiting.html", waiting=waiting, failures=failures, is_moving=_is_moving(waiting)
     )
@@ -250,7 +250,7 @@ def _overview(
 ) -> StudyOverview:
     length = DAYS[days or DEFAULT_PRESET] if first is None and last is None else DEFAULT_DAYS
     return study_overview(
-        page.state.database,
+        page.database,
         page.caller,
         study,
         first_day=first,

@@ -1,6 +1,5 @@
 """Releases: a study's data frozen under a name, with files, checksums and sources."""
 
-from collections.abc import Mapping
 from datetime import datetime
 
 from fastapi import APIRouter
@@ -8,7 +7,7 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.dashboard.data_pages.exports import ITEM_STATUSES
-from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
+from app.dashboard.forms import EMPTY_FORM, Fields, FormState, form_values, read_form, refused
 from app.dashboard.page import CurrentPage, Page
 from app.exports.releases import releases
 from app.exports.releases.manifest import read_contents
@@ -40,7 +39,7 @@ def post_release(page: CurrentPage, study: str, fields: Fields) -> Response:
     try:
         body = read_form(ReleaseIn, values)
         releases.request_release(
-            page.state.database,
+            page.database,
             page.caller,
             study,
             name=body.name,
@@ -48,8 +47,8 @@ def post_release(page: CurrentPage, study: str, fields: Fields) -> Response:
             filters=body.as_filters(),
         )
     except (ConflictError, InvalidInputError) as error:
-        wrong = wrong_fields(error, "name" if isinstance(error, ConflictError) else "")
-        return _releases(page, study, None, values=values, wrong=wrong, status=error.status)
+        name = "name" if isinstance(error, ConflictError) else ""
+        return _releases(page, study, form=refused(error, values, name))
     return page.redirect(
         study_address(study, "releases", body.name),
         "The study is being frozen; this page follows it.",
@@ -65,13 +64,13 @@ def get_list(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
 @router.get(f"{PATH}/{{name}}")
 def get_release(page: CurrentPage, study: str, name: str) -> Response:
     """A release."""
-    return _release(page, releases.read_release(page.state.database, page.caller, study, name))
+    return _release(page, releases.read_release(page.database, page.caller, study, name))
 
 
 @router.get(f"{PATH}/{{name}}/state")
 def get_state(page: CurrentPage, study: str, name: str) -> Response:
     """The release's state, which the page polls; once it is final the whole page is loaded."""
-    release = releases.read_release(page.state.database, page.caller, study, name).release
+    release = releases.read_release(page.database, page.caller, study, name).release
     is_moving = release.state in MOVING
     if page.is_fragment and not is_moving:
         return page.redirect(study_address(study, "releases", name))
@@ -81,15 +80,15 @@ def get_state(page: CurrentPage, study: str, name: str) -> Response:
 @router.get(f"{PATH}/{{name}}/check")
 def get_check(page: CurrentPage, study: str, name: str) -> Response:
     """The release's page with the result of reading all files back and comparing them with what was frozen."""
-    row = releases.read_release(page.state.database, page.caller, study, name)
-    check = releases.check_release(page.state.database, page.state.blobs, page.caller, study, name)
+    row = releases.read_release(page.database, page.caller, study, name)
+    check = releases.check_release(page.database, page.state.blobs, page.caller, study, name)
     return _release(page, row, check)
 
 
 @router.get(f"{PATH}/{{name}}/files/{{file}}")
 def get_file(page: CurrentPage, study: str, name: str, file: str) -> Response:
     """A file of a release."""
-    stored_file = releases.open_release_file(page.state.database, page.caller, study, name, file)
+    stored_file = releases.open_release_file(page.database, page.caller, study, name, file)
     return answer_stored_file(page.request, page.state.blobs, stored_file)
 
 
@@ -112,19 +111,11 @@ def _release(page: Page, row: ReleaseRow, check: CheckedRelease | None = None) -
 
 
 def _releases(
-    page: Page,
-    study: str,
-    cursor: str | None,
-    *,
-    values: Mapping[str, object] | None = None,
-    wrong: dict[str, str] | None = None,
-    status: int = 200,
+    page: Page, study: str, cursor: str | None = None, form: FormState = EMPTY_FORM
 ) -> Response:
     return page.render(
         "releases.html",
-        status=status,
-        values=values or {},
-        wrong=wrong or {},
+        form=form,
         statuses=ITEM_STATUSES,
         releases=_list(page, study, cursor),
         cursor=cursor,
@@ -133,5 +124,5 @@ def _releases(
 
 def _list(page: Page, study: str, cursor: str | None) -> paging.Page[ReleaseRow]:
     return releases.list_releases(
-        page.state.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE
+        page.database, page.caller, study, cursor=cursor, limit=RELEASES_A_PAGE
     )

@@ -1,14 +1,21 @@
 """Remeasurements: kept photographs measured again, with progress, and old and new volumes side by side."""
 
 import uuid
-from collections.abc import Mapping
 from typing import Annotated
 
 from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.forms import Blank, Fields, form_values, read_form, wrong_fields
+from app.dashboard.forms import (
+    EMPTY_FORM,
+    Blank,
+    Fields,
+    FormState,
+    form_values,
+    read_form,
+    refused,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor
@@ -42,10 +49,12 @@ def get_remeasurements_page(page: CurrentPage, study: str, cursor: Cursor = None
 def get_plan(page: CurrentPage, study: str, limit: MealLimit = None) -> Response:
     """The same page with the numbers of pairs that would be measured and skipped now."""
     pairs = remeasurements.plan_remeasurement(
-        page.state.database, _requester(page), study, Selection(frozenset(), limit)
+        page.database, _requester(page), study, Selection(frozenset(), limit)
     )
     values = {"limit": "" if limit is None else str(limit)}
-    return _remeasurements(page, study, None, values=values, plan=remeasurements.count_plan(pairs))
+    return _remeasurements(
+        page, study, form=FormState(values), plan=remeasurements.count_plan(pairs)
+    )
 
 
 @router.post(PATH)
@@ -55,12 +64,10 @@ def post_remeasurement(page: CurrentPage, study: str, fields: Fields) -> Respons
     try:
         body = read_form(RemeasurementIn, values)
         view, is_new = remeasurements.start_remeasurement(
-            page.state.database, _requester(page), study, body.as_selection()
+            page.database, _requester(page), study, body.as_selection()
         )
     except (ConflictError, InvalidInputError) as error:
-        return _remeasurements(
-            page, study, None, values=values, wrong=wrong_fields(error), status=error.status
-        )
+        return _remeasurements(page, study, form=refused(error, values))
     notice = (
         "The remeasurement was started."
         if is_new
@@ -74,7 +81,7 @@ def get_remeasurement(
     page: CurrentPage, study: str, remeasurement: uuid.UUID, cursor: Cursor = None
 ) -> Response:
     """A remeasurement: its progress, and the table of old and new volumes."""
-    database, requester = page.state.database, _requester(page)
+    database, requester = page.database, _requester(page)
     view = remeasurements.read_remeasurement(database, requester, study, remeasurement)
     rows = remeasurements.list_compared(
         database, requester, study, remeasurement, cursor=cursor, limit=ROWS_A_PAGE
@@ -90,9 +97,7 @@ def get_remeasurement(
 @router.get(f"{PATH}/{{remeasurement}}/state")
 def get_state(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """The progress, which the page polls; once it is not running any more the whole page is loaded."""
-    view = remeasurements.read_remeasurement(
-        page.state.database, _requester(page), study, remeasurement
-    )
+    view = remeasurements.read_remeasurement(page.database, _requester(page), study, remeasurement)
     if page.is_fragment and view.state != "running":
         return page.redirect(_address(study, view))
     return page.render("remeasurement_state.html", run=view)
@@ -101,9 +106,7 @@ def get_state(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Respon
 @router.post(f"{PATH}/{{remeasurement}}/stop")
 def post_stop(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """Stop it."""
-    view = remeasurements.stop_remeasurement(
-        page.state.database, _requester(page), study, remeasurement
-    )
+    view = remeasurements.stop_remeasurement(page.database, _requester(page), study, remeasurement)
     return page.redirect(
         _address(study, view), "The remeasurement was stopped. What was measured stays."
     )
@@ -113,7 +116,7 @@ def post_stop(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Respon
 def post_continue(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Response:
     """Continue it where it was."""
     view = remeasurements.continue_remeasurement(
-        page.state.database, _requester(page), study, remeasurement
+        page.database, _requester(page), study, remeasurement
     )
     return page.redirect(_address(study, view), "The remeasurement goes on.")
 
@@ -126,23 +129,19 @@ router.add_api_route(
 def _remeasurements(
     page: Page,
     study: str,
-    cursor: str | None,
+    cursor: str | None = None,
     *,
-    values: Mapping[str, str] | None = None,
-    wrong: dict[str, str] | None = None,
+    form: FormState = EMPTY_FORM,
     plan: RemeasurementPlanOut | None = None,
-    status: int = 200,
 ) -> Response:
     listed = remeasurements.list_remeasurements(
-        page.state.database, _requester(page), study, cursor=cursor, limit=A_PAGE
+        page.database, _requester(page), study, cursor=cursor, limit=A_PAGE
     )
     return page.render(
         "remeasurements.html",
-        status=status,
+        form=form,
         runs=listed.rows,
         next=listed.cursor,
-        values=values or {},
-        wrong=wrong or {},
         plan=plan,
     )
 

@@ -25,7 +25,15 @@ from app.dashboard.food_pages.foods import (
     food_page,
 )
 from app.dashboard.food_pages.study_densities import density_values
-from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
+from app.dashboard.forms import (
+    EMPTY_FORM,
+    Fields,
+    FormState,
+    WrongFormError,
+    form_values,
+    read_form,
+    refused,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.refusals import sentence
 from app.foods.api import FoodKey
@@ -53,19 +61,19 @@ PREVIEW_REASON = "a preview"
 @router.get(f"{FOODS}/{{key}}/edit")
 def get_edit(page: CurrentPage, key: FoodKey) -> Response:
     """The fields of the food's current version."""
-    version = edit_food.read_version(page.state.database, key)
-    return _edit_page(page, version, texts_of(version))
+    version = edit_food.read_version(page.database, key)
+    return _edit_page(page, version, FormState(texts_of(version)))
 
 
 @router.post(f"{FOODS}/{{key}}/edit")
 def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
     """Preview the changes, or save them."""
-    database, entered = page.state.database, form_values(fields)
+    database, entered = page.database, form_values(fields)
     base = edit_food.read_version(database, key, _number(entered.get("base", "")))
     changed = changed_fields(entered, texts_of(base))
-    shown = texts_of(base) | entered
+    form = FormState(texts_of(base) | entered)
     if entered.get("do") == "rows":
-        return _edit_page(page, base, shown, more=EMPTY_INGREDIENTS)
+        return _edit_page(page, base, form, more=EMPTY_INGREDIENTS)
     is_preview = entered.get("do") != "save"
     values, wrong = body_of(
         entered, changed, {row.component.number: row.component.unit for row in base.nutrients}
@@ -77,9 +85,8 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         edit = food_edit(body)
         if is_preview:
             differences = edit_food.preview_edit(database, key, edit, expected=expected)
-            return _edit_page(
-                page, base, shown, preview=describe_differences(differences, base.nutrients)
-            )
+            preview = describe_differences(differences, base.nutrients)
+            return _edit_page(page, base, form, preview=preview)
         view = edit_food.edit_food(
             database, key, edit, Editor.of(page.caller, body.reason), expected=expected
         )
@@ -91,15 +98,10 @@ def post_edit(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
             for name, text in entered.items()
             if name.partition("-")[0] in ("add", "figure", "unit")
         }
-        return _edit_page(
-            page,
-            current,
-            texts_of(current) | added | kept,
-            since=_since(page, base),
-            status=error.status,
-        )
+        form = FormState(texts_of(current) | added | kept, status=error.status)
+        return _edit_page(page, current, form, since=_since(page, base))
     except (InvalidInputError, ConflictError) as error:
-        return _edit_page(page, base, shown, wrong=wrong_fields(error), status=error.status)
+        return _edit_page(page, base, refused(error, form.values))
     if view.food.id == base.food.id:
         return page.redirect(food_address(view.value.key), "Nothing differs: no version was made.")
     return page.redirect(
@@ -117,7 +119,7 @@ def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
             RestoreIn, {"version": _number(entered.get("version", "")) or 0, "reason": reason}
         )
         view = edit_food.restore_food(
-            page.state.database,
+            page.database,
             key,
             body.version,
             Editor.of(page.caller, body.reason),
@@ -137,7 +139,7 @@ def post_restore(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
 @router.get(f"{FOODS}/{{key}}/densities")
 def get_density(page: CurrentPage, key: FoodKey) -> Response:
     """The form for a measured density."""
-    return _density_page(page, key, {}, {})
+    return _density_page(page, key)
 
 
 @router.post(f"{FOODS}/{{key}}/densities")
@@ -148,14 +150,14 @@ def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
         body = read_form(MeasuredDensityIn, *density_values(entered))
         density, _ = measured_density(body)
         view = edit_food.add_density(
-            page.state.database,
+            page.database,
             key,
             density,
             Editor.of(page.caller, body.reason),
             expected=_base(entered),
         )
     except (InvalidInputError, ConflictError, PreconditionFailedError) as error:
-        return _density_page(page, key, entered, wrong_fields(error), status=error.status)
+        return _density_page(page, key, refused(error, entered))
     return page.redirect(
         food_address(view.value.key), f"The density was added: version {view.food.version}. {STAY}"
     )
@@ -164,7 +166,7 @@ def post_density(page: CurrentPage, key: FoodKey, fields: Fields) -> Response:
 @router.get(NEW_FOOD)
 def get_new_food(page: CurrentPage) -> Response:
     """The form for a food, or a dish with its recipe."""
-    return _new_page(page, {})
+    return _new_page(page)
 
 
 @router.post(NEW_FOOD)
@@ -172,7 +174,7 @@ def post_new_food(page: CurrentPage, fields: Fields) -> Response:
     """Create a food."""
     entered = form_values(fields)
     if entered.get("do") == "rows":
-        return _new_page(page, entered, more=EMPTY_INGREDIENTS)
+        return _new_page(page, FormState(entered), EMPTY_INGREDIENTS)
     changed = frozenset(name for name, text in entered.items() if text) - {"key", "reason", "do"}
     headlines = {headline.numbers[0] for headline in HEADLINES}
     offered = frozenset(
@@ -183,29 +185,29 @@ def post_new_food(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = _read_food(FoodIn, values, wrong)
         view = edit_food.create_food(
-            page.state.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
+            page.database, body.key, new_food_edit(body), Editor.of(page.caller, body.reason)
         )
     except (InvalidInputError, ConflictError) as error:
-        field = "key" if error.code == "food_exists" else ""
-        return _new_page(page, entered, wrong=wrong_fields(error, field), status=error.status)
+        name = "key" if error.code == "food_exists" else ""
+        return _new_page(page, refused(error, entered, name))
     return page.redirect(food_address(view.value.key), f"{view.value.name} was created.")
 
 
 def _edit_page(
     page: Page,
     version: FoodVersion,
-    texts: Mapping[str, str],
+    form: FormState,
     *,
-    wrong: Mapping[str, str] | None = None,
     preview: Sequence[Difference] | None = None,
     since: Sequence[DatedDifferences] = (),
     more: int = 0,
-    status: int = 200,
 ) -> Response:
     with_figures = {row.component.number for row in version.nutrients}
+    addable = [part for part in COMPONENTS if part.number not in with_figures]
     return page.render(
         "food_edit.html",
-        status=status,
+        form=form,
+        status=200,
         food=version.value,
         of=version.food,
         has_recipe=version.recipe is not None,
@@ -213,48 +215,31 @@ def _edit_page(
         preview=preview,
         since=since,
         stay=STAY,
-        **_choices(
-            page,
-            texts,
-            wrong,
-            more,
-            [part for part in COMPONENTS if part.number not in with_figures],
-        ),
+        **_choices(page, form, more, addable),
     )
 
 
-def _new_page(
-    page: Page,
-    texts: Mapping[str, str],
-    *,
-    wrong: Mapping[str, str] | None = None,
-    more: int = 0,
-    status: int = 200,
-) -> Response:
+def _new_page(page: Page, form: FormState = EMPTY_FORM, more: int = 0) -> Response:
     headlines = [COMPONENT_BY_NUMBER[headline.numbers[0]] for headline in HEADLINES]
     others = [component for component in COMPONENTS if component not in headlines]
     return page.render(
         "food_new.html",
-        status=status,
+        form=form,
+        status=200,
         headlines=headlines,
-        **_choices(page, texts, wrong, more, others),
+        **_choices(page, form, more, others),
     )
 
 
 def _choices(
-    page: Page,
-    texts: Mapping[str, str],
-    wrong: Mapping[str, str] | None,
-    more: int,
-    addable: Sequence[Component],
+    page: Page, form: FormState, more: int, addable: Sequence[Component]
 ) -> dict[str, object]:
     return {
-        "texts": texts,
-        "wrong": wrong or {},
-        "rows": ingredient_rows(texts) + (more or EMPTY_INGREDIENTS // 2),
+        "texts": form.values,
+        "rows": ingredient_rows(form.values) + (more or EMPTY_INGREDIENTS // 2),
         "added": ADDED_ROWS,
         "addable": addable,
-        "existing_groups": [group.name for group in food_groups(page.state.database)],
+        "existing_groups": [group.name for group in food_groups(page.database)],
         "forms": FOOD_FORMS,
         "states": FOOD_STATES,
         "slice_forms": SLICE_FORMS,
@@ -268,16 +253,12 @@ def _code_choices(codes: Sequence[str]) -> list[tuple[str, str]]:
     return [(code, code.replace("_", " ")) for code in codes]
 
 
-def _density_page(
-    page: Page, key: str, values: Mapping[str, str], wrong: Mapping[str, str], status: int = 200
-) -> Response:
-    view = read_food(page.state.database, key)
+def _density_page(page: Page, key: str, form: FormState = EMPTY_FORM) -> Response:
+    view = read_food(page.database, key)
     return page.render(
         "food_density.html",
-        status=status,
+        form=form,
         view=view,
-        values=values,
-        wrong=wrong,
         food_url=food_address,
         stay=STAY,
     )
@@ -285,7 +266,7 @@ def _density_page(
 
 def _since(page: Page, base: FoodVersion) -> list[DatedDifferences]:
     """Return what others changed since that version."""
-    changes = edit_food.list_changes(page.state.database, base.value.key)
+    changes = edit_food.list_changes(page.database, base.value.key)
     later = [change for change in changes if change.food.id > base.food.id]
     return [
         (change, describe_differences(change.differences)) for change in render_changes(later).items

@@ -120,7 +120,7 @@ def is_of_recipe(field: str) -> bool:
     return field == "yield_factor" or _INGREDIENT.fullmatch(field) is not None
 
 
-def ingredient_rows(entered: Mapping[str, str]) -> int:
+def ingredient_rows(entered: Mapping[str, object]) -> int:
     """Return the number of ingredient rows, up to the last one that is not empty."""
     matches = (_INGREDIENT.fullmatch(name) for name, text in entered.items() if text)
     return max((int(match["place"]) + 1 for match in matches if match is not None), default=0)

@@ -144,7 +144,7 @@ def get_foods(
     output: Output = "",
 ) -> Response:
     """Foods, best match first; without search words in the tables' order."""
-    database, words = page.state.database, q.strip()
+    database, words = page.database, q.strip()
     limit = LENGTHS[-1] if output == "csv" else limit
     rows = list_foods(database, words or None, group=group or None, limit=limit)
     if output == "csv":
@@ -170,7 +170,7 @@ def get_foods(
 def get_food(page: CurrentPage, key: FoodKey, output: Output = "") -> Response:
     """The page of a food, or its nutrients as CSV."""
     if output == "csv":
-        food = render_food(read_food(page.state.database, key))
+        food = render_food(read_food(page.database, key))
         return csv_file(NutrientOut, food.nutrients, f"nutrients-of-{food.key}")
     return food_page(page, key)
 
@@ -179,7 +179,7 @@ def food_page(
     page: Page, key: str, *, refused: str | None = None, reason: str = "", status: int = 200
 ) -> Response:
     """Render the page of a food. refused: why restoring a version failed; reason: as entered there."""
-    database = page.state.database
+    database = page.database
     view = read_food(database, key)
     changes = render_changes(list_changes(database, view.value.key)).items
     return page.render(

@@ -12,6 +12,7 @@ from app.core.errors import InvalidInputError, NotFoundError
 from app.dashboard.food_pages.foods import food_address
 from app.dashboard.forms import (
     Fields,
+    FormState,
     WrongFieldError,
     WrongFormError,
     form_values,
@@ -19,7 +20,7 @@ from app.dashboard.forms import (
     number,
     read_fields,
     read_form,
-    wrong_fields,
+    refused,
 )
 from app.dashboard.page import CurrentPage, Page, csv_file
 from app.foods import study_densities
@@ -70,13 +71,11 @@ def get_densities(
 ) -> Response:
     """The measurements, including withdrawn ones, the newest entry first."""
     if output == "csv":
-        rows = study_densities.list_study_densities(
-            page.state.database, study, food.strip() or None
-        )
+        rows = study_densities.list_study_densities(page.database, study, food.strip() or None)
         return csv_file(
             StudyDensityOut, [render_study_density(row) for row in rows], f"densities-of-{study}"
         )
-    return _densities(page, study, food.strip(), {"food": food.strip()}, {})
+    return _densities(page, study, food.strip(), FormState({"food": food.strip()}))
 
 
 @router.post(PATH)
@@ -94,14 +93,14 @@ def post_density(page: CurrentPage, study: str, fields: Fields) -> Response:
         body = read_form(StudyDensityIn, values, wrong)
         density, specimens = measured_density(body)
         row = study_densities.add_study_density(
-            page.state.database,
+            page.database,
             study,
             Measurement(body.food, density, specimens, body.measured_at),
             Editor.of(page.caller, body.reason),
         )
     except (NotFoundError, InvalidInputError) as error:
-        field = {"food_not_found": "food", "time_impossible": "measured_on"}.get(error.code, "")
-        return _densities(page, study, "", entered, wrong_fields(error, field), status=error.status)
+        name = {"food_not_found": "food", "time_impossible": "measured_on"}.get(error.code, "")
+        return _densities(page, study, "", refused(error, entered, name))
     return page.redirect(
         study_address(study, "densities"),
         f"The density of {row.food_key} is used from now on; existing records are unchanged.",
@@ -118,28 +117,19 @@ def post_withdrawal(page: CurrentPage, study: str, density: uuid.UUID, fields: F
             f"Enter why it is withdrawn: {error.wrong.get('reason', '')}"
         ) from None
     row = study_densities.withdraw_study_density(
-        page.state.database, study, density, Editor.of(page.caller, body.reason)
+        page.database, study, density, Editor.of(page.caller, body.reason)
     )
     return page.redirect(
         study_address(study, "densities"), f"The density of {row.food_key} was withdrawn."
     )
 
 
-def _densities(
-    page: Page,
-    study: str,
-    food: str,
-    values: Mapping[str, str],
-    wrong: Mapping[str, str],
-    status: int = 200,
-) -> Response:
-    rows = study_densities.list_study_densities(page.state.database, study, food or None)
+def _densities(page: Page, study: str, food: str, form: FormState) -> Response:
+    rows = study_densities.list_study_densities(page.database, study, food or None)
     return page.render(
         "study_densities.html",
-        status=status,
+        form=form,
         rows=rows,
         food=food,
-        values=values,
-        wrong=wrong,
         food_url=food_address,
     )

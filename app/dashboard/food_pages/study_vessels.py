@@ -11,16 +11,18 @@ from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.forms import (
+    EMPTY_FORM,
     Fields,
+    FormState,
     WrongFieldError,
     form_values,
     lines,
     number,
     read_fields,
     read_form,
+    refused,
     shown,
     take_version,
-    wrong_fields,
 )
 from app.dashboard.page import CurrentPage, Page, csv_file
 from app.people.access.page_rules import STUDY_PAGES, study_address
@@ -101,9 +103,9 @@ def get_vessels(
 ) -> Response:
     """The library by name, including retired vessels."""
     if output == "csv":
-        rows = study_vessels.all_vessels(page.state.database, study)
+        rows = study_vessels.all_vessels(page.database, study)
         return csv_file(VesselOut, [render_vessel(view) for view in rows], f"vessels-of-{study}")
-    return _vessels(page, study, {}, {}, cursor=cursor)
+    return _vessels(page, study, cursor=cursor)
 
 
 @router.post(PATH)
@@ -114,14 +116,14 @@ def post_vessel(page: CurrentPage, study: str, fields: Fields) -> Response:
     try:
         body = read_form(VesselIn, values | {"name": entered.get("name", "")}, wrong)
         view = study_vessels.add_vessel(
-            page.state.database,
+            page.database,
             study,
             measured_vessel(body.model_dump()),
             vessel_author(page.caller),
         )
     except (InvalidInputError, ConflictError) as error:
-        field = "name" if error.code == "vessel_exists" else ""
-        return _vessels(page, study, entered, wrong_fields(error, field), status=error.status)
+        name = "name" if error.code == "vessel_exists" else ""
+        return _vessels(page, study, refused(error, entered, name))
     return page.redirect(
         study_address(study, "vessels"), f"“{view.vessel.name}” is in the library."
     )
@@ -130,8 +132,8 @@ def post_vessel(page: CurrentPage, study: str, fields: Fields) -> Response:
 @router.get(f"{PATH}/{{vessel}}")
 def get_vessel(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
     """A vessel's side view, and the form to remeasure it."""
-    view = study_vessels.read_vessel(page.state.database, study, vessel)
-    return _vessel(page, view, _entered(view), {})
+    view = study_vessels.read_vessel(page.database, study, vessel)
+    return _vessel(page, view, FormState(_entered(view)))
 
 
 @router.post(f"{PATH}/{{vessel}}")
@@ -139,11 +141,11 @@ def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fiel
     """Replace the measures if unchanged since the form was opened; a retired vessel is in use again."""
     entered = form_values(fields)
     expected = take_version(entered)
-    view = study_vessels.read_vessel(page.state.database, study, vessel)
+    view = study_vessels.read_vessel(page.database, study, vessel)
     try:
         body = read_form(VesselChangeIn, *_measures(entered))
         view = study_vessels.change_vessel(
-            page.state.database,
+            page.database,
             study,
             vessel,
             body.model_dump(),
@@ -151,59 +153,41 @@ def post_measures(page: CurrentPage, study: str, vessel: uuid.UUID, fields: Fiel
             expected=expected,
         )
     except PreconditionFailedError as error:
-        return _vessel(page, view, _entered(view), {"": error.message}, status=412)
+        return _vessel(page, view, refused(error, _entered(view)))
     except (InvalidInputError, ConflictError) as error:
-        return _vessel(page, view, entered, wrong_fields(error), status=error.status)
+        return _vessel(page, view, refused(error, entered))
     return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” has new measures.")
 
 
 @router.post(f"{PATH}/{{vessel}}/retirement")
 def post_retirement(page: CurrentPage, study: str, vessel: uuid.UUID) -> Response:
     """Retire a vessel; it remains visible."""
-    view = study_vessels.retire_vessel(
-        page.state.database, study, vessel, vessel_author(page.caller)
-    )
+    view = study_vessels.retire_vessel(page.database, study, vessel, vessel_author(page.caller))
     return page.redirect(study_address(study, "vessels"), f"“{view.vessel.name}” is retired.")
 
 
 def _vessels(
-    page: Page,
-    study: str,
-    values: Mapping[str, str],
-    wrong: Mapping[str, str],
-    *,
-    cursor: str | None = None,
-    status: int = 200,
+    page: Page, study: str, form: FormState = EMPTY_FORM, cursor: str | None = None
 ) -> Response:
     listed = study_vessels.list_vessels(
-        page.state.database, study, is_in_use=None, cursor=cursor, limit=ROWS_A_PAGE
+        page.database, study, is_in_use=None, cursor=cursor, limit=ROWS_A_PAGE
     )
     return page.render(
         "study_vessels.html",
-        status=status,
+        form=form,
         rows=listed.rows,
         next=listed.cursor,
         kinds=VESSEL_KINDS,
-        values=values,
-        wrong=wrong,
     )
 
 
-def _vessel(
-    page: Page,
-    view: VesselView,
-    values: Mapping[str, str],
-    wrong: Mapping[str, str],
-    status: int = 200,
-) -> Response:
+def _vessel(page: Page, view: VesselView, form: FormState) -> Response:
     return page.render(
         "study_vessel.html",
-        status=status,
+        form=form,
         view=view,
         drawing=vessel_drawing(view.model, view.version.fill_line_mm),
         kinds=VESSEL_KINDS,
-        values=values,
-        wrong=wrong,
     )
 
 

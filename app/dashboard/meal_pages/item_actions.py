@@ -61,7 +61,7 @@ def get_food_options(
     list_id: Annotated[str, Query(alias="list", max_length=80)] = "foods",
 ) -> HTMLResponse:
     """Foods that match the text, as options of the list box `list`; their ids begin with its id."""
-    foods = search_foods(page.state.database, q, limit=FOODS_OFFERED) if q.strip() else []
+    foods = search_foods(page.database, q, limit=FOODS_OFFERED) if q.strip() else []
     return page.render("food_options.html", foods=foods, words=q, list_id=list_id)
 
 

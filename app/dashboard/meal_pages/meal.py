@@ -106,9 +106,7 @@ def get_meal(
 ) -> Response:
     """The page, or the JSON of `GET /v1/meals/{id}`."""
     if format == "json":
-        answer = tagged_meal(
-            read_meal(page.state.database, page.study_caller, meal_id, participant)
-        )
+        answer = tagged_meal(read_meal(page.database, page.study_caller, meal_id, participant))
         answer.headers["Content-Disposition"] = f'attachment; filename="meal-{meal_id}.json"'
         return answer
     return render_meal_page(page, participant, meal_id, is_section=False)
@@ -117,7 +115,7 @@ def get_meal(
 @router.get(MEAL + "/state")
 def get_state(page: CurrentPage, participant: str, meal_id: uuid.UUID) -> Response:
     """The meal's state, which the page polls while something is being measured; then the meal's whole section."""
-    view = read_meal(page.state.database, page.study_caller, meal_id, participant)
+    view = read_meal(page.database, page.study_caller, meal_id, participant)
     if not meals.will_change(view):
         answer = render_meal_page(page, participant, meal_id, is_section=True)
         answer.headers.update(
@@ -196,7 +194,7 @@ def post_erasure(
 ) -> Response:
     """Erase the meal for good if the participant's code was entered. Raises InvalidInputError."""
     caller = page.study_caller
-    view = read_meal(page.state.database, caller, meal_id, participant)
+    view = read_meal(page.database, caller, meal_id, participant)
     if typed.strip() != view.participant_code:
         raise InvalidInputError(
             f"Nothing was erased. To erase the meal, type the participant's code: {participant}."
@@ -233,7 +231,7 @@ def render_meal_page(
 
     saved: a sentence about the event that was saved.
     """
-    story = read_story(page.state.database, page.study_caller, meal_id, participant)
+    story = read_story(page.database, page.study_caller, meal_id, participant)
     view, meal = story.view, render_meal(story.view)
     scene_names = _scene_names(story)
     numbers = {item.id: number for number, item in enumerate(meal.items, start=1)}

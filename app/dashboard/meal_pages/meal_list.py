@@ -253,7 +253,7 @@ def get_meals(
         return answer_file(
             page.state, caller, ExportSpec(rows, output=output, filters=chosen.filters)
         )
-    database = page.state.database
+    database = page.database
     if chosen.wrong_days is not None:
         return _render(page, chosen, [], next_cursor=None, status=422)
     limit = MEALS_A_PAGE[chosen.view]
@@ -277,7 +277,7 @@ def get_changed(
 
     A meal that never existed, or that the caller may not see, is removed too: the answers do not differ.
     """
-    database, study_id = page.state.database, page.require_study().id
+    database, study_id = page.database, page.require_study().id
     versions = dict(map(_parse_watched, meal or ()))
     rows = changed_meals(
         database, study_id, [(client_id, version) for (_, client_id), version in versions.items()]
@@ -319,7 +319,7 @@ def _render(
     next_cursor: str | None,
     status: int = 200,
 ) -> Response:
-    database, filters = page.state.database, chosen.filters
+    database, filters = page.database, chosen.filters
     counts, needs_look = count_meals(database, page.require_study().id)
     return page.render(
         "meals.html",

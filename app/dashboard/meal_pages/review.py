@@ -309,7 +309,7 @@ def get_review(
         participant_code=participant,
         origin=origin,
     )
-    database = page.state.database
+    database = page.database
     items = read_review_page(database, chosen, cursor=cursor, limit=ITEMS_A_PAGE)
     waiting = count_waiting(database, chosen, COUNTED + 1)
     return page.render(
@@ -340,7 +340,7 @@ def get_item(
 ) -> HTMLResponse:
     """One item's current card, after somebody else has changed its meal, with their events."""
     current = read_review_item(
-        page.state.database, page.study_caller, meal_id, participant, item, seen=seen
+        page.database, page.study_caller, meal_id, participant, item, seen=seen
     )
     events = describe_events(current.item, current.said, page.caller.staff_id)
     is_rejected = current.item.row.record.status == "rejected"

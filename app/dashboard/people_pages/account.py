@@ -17,7 +17,15 @@ from app.core.errors import (
     RateLimitedError,
     UnauthenticatedError,
 )
-from app.dashboard.forms import Fields, WrongFormError, form_values, read_form, wrong_fields
+from app.dashboard.forms import (
+    EMPTY_FORM,
+    Fields,
+    FormState,
+    WrongFormError,
+    form_values,
+    read_form,
+    refused,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.templates import render
 from app.http.rate_limit import caller_address
@@ -52,18 +60,19 @@ def post_password(page: CurrentPage, request: Request, fields: Fields) -> Respon
         body = read_form(PasswordChangeIn, values)
         with page.state.part(SignInLimits).trying(page.caller.name, caller_address(request)):
             sign_in.change_own_password(
-                page.state.database,
+                page.database,
                 page.state.part(Passwords),
                 page.caller,
                 current=body.current_password.get_secret_value(),
                 new=body.new_password.get_secret_value(),
             )
     except RateLimitedError as error:
-        return _account(page, wrong={"current_password": error.message}, status=error.status)
+        return _account(page, refused(error, name="current_password"))
     except UnauthenticatedError:
-        return _account(page, wrong={"current_password": "This is not your password."}, status=422)
+        wrong = {"current_password": "This is not your password."}
+        return _account(page, FormState(wrong=wrong, status=422))
     except InvalidInputError as error:
-        return _account(page, wrong=wrong_fields(error, "new_password"), status=error.status)
+        return _account(page, refused(error, name="new_password"))
     return page.redirect(f"{PREFIX}/sign-in")
 
 
@@ -74,7 +83,7 @@ def post_token(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = read_form(TokenIn, values)
         token, view = access_tokens.create_token(
-            page.state.database,
+            page.database,
             page.caller,
             name=body.name,
             scope=body.scope,
@@ -82,33 +91,26 @@ def post_token(page: CurrentPage, fields: Fields) -> Response:
             days=body.days,
         )
     except (WrongFormError, ConflictError, NotFoundError) as error:
-        return _account(page, values=values, wrong=wrong_fields(error, "name"), status=error.status)
+        return _account(page, refused(error, values, "name"))
     return _account(page, issued=(view.name, token))
 
 
 @router.post(f"{PATH}/tokens/{{token_id}}/revocation")
 def post_token_revocation(page: CurrentPage, token_id: uuid.UUID) -> Response:
     """Revoke one of the caller's own tokens."""
-    access_tokens.revoke_token(page.state.database, page.caller, token_id)
+    access_tokens.revoke_token(page.database, page.caller, token_id)
     return page.redirect(PATH, "The token was revoked.")
 
 
 def _account(
-    page: Page,
-    *,
-    values: dict[str, str] | None = None,
-    wrong: dict[str, str] | None = None,
-    issued: tuple[str, str] | None = None,
-    status: int = 200,
+    page: Page, form: FormState = EMPTY_FORM, issued: tuple[str, str] | None = None
 ) -> Response:
     return page.render(
         "account.html",
-        status=status,
-        session=sign_in.read_session(page.state.database, page.caller),
-        studies=list_study_codes(page.state.database, page.caller),
-        tokens=access_tokens.list_tokens(page.state.database, page.caller),
-        values=values or {},
-        wrong=wrong or {},
+        form=form,
+        session=sign_in.read_session(page.database, page.caller),
+        studies=list_study_codes(page.database, page.caller),
+        tokens=access_tokens.list_tokens(page.database, page.caller),
         issued=issued,
     )
 

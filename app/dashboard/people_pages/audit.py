@@ -87,7 +87,7 @@ def _audit(
     )
     if output == "csv":
         return audit_file(page.state, page.caller, study, chosen)
-    database = page.state.database
+    database = page.database
     events = read_audit(
         database,
         page.caller,

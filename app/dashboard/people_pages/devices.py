@@ -54,7 +54,7 @@ def get_devices(
 ) -> Response:
     """The phones, the most recently enrolled first."""
     phones = devices.list_devices(
-        page.state.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE
+        page.database, study, participant or None, cursor=cursor, limit=DEVICES_A_PAGE
     )
     return page.render(
         "devices.html", rows=phones.rows, next=phones.cursor, participant=participant or ""
@@ -64,7 +64,7 @@ def get_devices(
 @router.post(f"{PATH}/{{device_id}}/revocation")
 def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Response:
     """Revoke a phone's token, for example of a lost phone."""
-    devices.revoke_device(page.state.database, page.caller, study, device_id)
+    devices.revoke_device(page.database, page.caller, study, device_id)
     return page.redirect(
         study_address(study, "devices"), "The phone's token was revoked. Its uploads are kept."
     )
@@ -98,7 +98,7 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
     cards = []
     for code in codes:
         issued = issue_enrolment_code(
-            page.state.database, study_code=study, participant_code=code, caller=page.caller
+            page.database, study_code=study, participant_code=code, caller=page.caller
         )
         link = capture_link(server, issued.code)
         app_svg = _drawn(enrolment_text(server, issued.code)) if has_app else None
@@ -116,7 +116,7 @@ def _drawn(text: str) -> Markup:
 
 def _why_no_card(page: Page, study: str, code: str) -> str | None:
     try:
-        participant = participants.read_participant(page.state.database, study, code)
+        participant = participants.read_participant(page.database, study, code)
     except NotFoundError as error:
         return error.message
     return "This participant has left the study." if participant.withdrawn_at is not None else None

@@ -8,7 +8,16 @@ from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.forms import Fields, form_values, read_form, take_version, with_point
+from app.dashboard.forms import (
+    EMPTY_FORM,
+    Fields,
+    FormState,
+    form_values,
+    read_form,
+    refused,
+    take_version,
+    with_point,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.diary import day_summaries, diary
 from app.diary.feedback import read_feedback
@@ -54,13 +63,9 @@ def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields
             ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")}
         )
         change = change_of(body, also=emptied, moves_start=True)
-        participants.change_participant(
-            page.state.database, page.caller, study, participant, change
-        )
+        participants.change_participant(page.database, page.caller, study, participant, change)
     except (InvalidInputError, ConflictError) as error:
-        return _participant(
-            page, study, participant, None, wrong={"": error.message}, status=error.status
-        )
+        return _participant(page, study, participant, form=refused(error))
     return page.redirect(
         study_address(study, "participants", participant), "The profile was changed."
     )
@@ -75,7 +80,7 @@ def post_day(
     expected, last_shown = take_version(values), values.pop("to", "")
     body = read_form(DayIn, values)
     diary.set_day(
-        page.state.database,
+        page.database,
         page.caller,
         day,
         day_event_kind(body),
@@ -95,7 +100,7 @@ def post_withdrawal(page: CurrentPage, study: str, participant: str, fields: Fie
         wrong = {
             "withdrawal": f"“{typed[:64]}” is not the code {participant}: nobody was withdrawn."
         }
-        return _participant(page, study, participant, None, wrong=wrong, status=422)
+        return _participant(page, study, participant, form=FormState(wrong=wrong, status=422))
     receipt = withdraw_participant(page.state.part(Eraser), page.caller, study, participant)
     notice = f"{participant} has left the study; its policy ({receipt.policy}) was carried out. Receipt: {receipt.id}."
     return page.redirect(study_address(study, "participants"), notice)
@@ -105,30 +110,26 @@ def _participant(
     page: Page,
     study: str,
     code: str,
-    last: date | None,
-    *,
-    wrong: dict[str, str] | None = None,
-    status: int = 200,
+    last: date | None = None,
+    form: FormState = EMPTY_FORM,
 ) -> Response:
-    person = participants.read_participant(page.state.database, study, code)
+    person = participants.read_participant(page.database, study, code)
     feedback = _feedback(page, study, code, last)
     end = last or (feedback.date if feedback is not None else datetime.now(UTC).date())
     first = end - min(timedelta(days=WINDOW_DAYS - 1), end - date.min)
     caller = page.study_caller
     window = RowFilter(study_code=study, participant_code=code, first_day=first, last_day=end)
     days = day_summaries.list_day_summaries(
-        page.state.database, caller, window, cursor=None, limit=WINDOW_DAYS
+        page.database, caller, window, cursor=None, limit=WINDOW_DAYS
     ).rows
-    meals = list_meals(
-        page.state.database, caller, window, order="oldest", cursor=None, limit=MOST_MEALS
-    )
+    meals = list_meals(page.database, caller, window, order="oldest", cursor=None, limit=MOST_MEALS)
     meals_by_day = defaultdict(list)
     for row in meals.rows:
         meals_by_day[row.meal.local_date].append((row, sums_of(row)))
-    phones = devices.list_devices(page.state.database, study, code, cursor=None, limit=20)
+    phones = devices.list_devices(page.database, study, code, cursor=None, limit=20)
     return page.render(
         "participant.html",
-        status=status,
+        form=form,
         person=person,
         profile=person.profile or {},
         switches=SWITCHES,
@@ -146,15 +147,12 @@ def _participant(
         feedback=feedback,
         headlines=HEADLINES,
         phones=phones.rows,
-        wrong=wrong or {},
     )
 
 
 def _feedback(page: Page, study: str, code: str, day: date | None) -> SummaryOut | None:
     """Return the feedback that the participant sees, or would see; None if there is no day yet."""
     try:
-        return read_feedback(
-            page.state.database, page.caller, day, diary.ParticipantRef(study, code)
-        )
+        return read_feedback(page.database, page.caller, day, diary.ParticipantRef(study, code))
     except InvalidInputError:
         return None

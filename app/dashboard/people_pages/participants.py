@@ -75,7 +75,7 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     for code in codes:
         try:
             participants.create_participant(
-                page.state.database,
+                page.database,
                 page.state.part(SecretBox),
                 study_code=study,
                 code=code,
@@ -100,7 +100,7 @@ def get_intakes(
 ) -> Response:
     """Each participant's mean daily intake over closed days, with the number of days."""
     intakes = day_summaries.list_intakes(
-        page.state.database,
+        page.database,
         page.caller,
         study,
         first_day=first,
@@ -140,7 +140,7 @@ def get_adequacy_figures(
     """Each group's share with a usual intake below the EAR: a fragment for htmx, otherwise the whole page."""
     require_order(first, last)
     judged = judge_study(
-        page.state.database, page.caller, study, component, first_day=first, last_day=last
+        page.database, page.caller, study, component, first_day=first, last_day=last
     )
     if page.is_fragment:
         return page.render("adequacy_figures.html", judged=judged)
@@ -206,7 +206,7 @@ def _participants(
 ) -> Response:
     """entered: stays in the field; wrong: why nobody was added; refused: error code -> participants."""
     listed = participants.list_participants(
-        page.state.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE
+        page.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE
     )
     return page.render(
         "participants.html",

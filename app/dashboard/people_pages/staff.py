@@ -4,7 +4,7 @@ from fastapi import APIRouter
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError, UnavailableError
-from app.dashboard.forms import Fields, form_values, read_form, wrong_fields
+from app.dashboard.forms import EMPTY_FORM, Fields, FormState, form_values, read_form, refused
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.people.access import staff
@@ -24,7 +24,7 @@ MEMBERS_A_PAGE = 200
 @router.get(PATH)
 def get_staff(page: CurrentPage, cursor: Cursor = None) -> Response:
     """All staff, by name."""
-    return _staff(page, cursor, {}, {})
+    return _staff(page, cursor)
 
 
 @router.post(PATH)
@@ -34,7 +34,7 @@ def post_staff(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = read_form(StaffIn, {**values, "is_admin": "is_admin" in values})
         staff.create_staff(
-            page.state.database,
+            page.database,
             page.state.part(Passwords),
             body.name,
             is_admin=body.is_admin,
@@ -42,7 +42,8 @@ def post_staff(page: CurrentPage, fields: Fields) -> Response:
             caller=page.caller,
         )
     except (ConflictError, InvalidInputError, UnavailableError) as error:
-        return _staff(page, None, values, wrong_fields(error, "name"), status=error.status)
+        values.pop("password", None)
+        return _staff(page, form=refused(error, values, "name"))
     return page.redirect(
         PATH, f"{body.name} was added. A study's owner, or you, gives them a role under Members."
     )
@@ -57,30 +58,20 @@ def post_change(page: CurrentPage, fields: Fields) -> Response:
     password = body.password.get_secret_value() if body.password is not None else None
     change = staff.StaffChange(body.is_admin, body.is_disabled, password)
     changed = staff.change_staff(
-        page.state.database, page.state.part(Passwords), name, change, page.caller
+        page.database, page.state.part(Passwords), name, change, page.caller
     )
     return page.redirect(PATH, f"{name} was changed.{changed.ended.sentence}")
 
 
-def _staff(
-    page: Page, cursor: str | None, values: dict[str, str], wrong: dict[str, str], status: int = 200
-) -> Response:
-    members = staff.list_staff(page.state.database, cursor=cursor, limit=STAFF_A_PAGE)
-    kept = {name: value for name, value in values.items() if name != "password"}
-    return page.render(
-        "staff.html",
-        status=status,
-        rows=members.rows,
-        next=members.cursor,
-        values=kept,
-        wrong=wrong,
-    )
+def _staff(page: Page, cursor: str | None = None, form: FormState = EMPTY_FORM) -> Response:
+    members = staff.list_staff(page.database, cursor=cursor, limit=STAFF_A_PAGE)
+    return page.render("staff.html", form=form, rows=members.rows, next=members.cursor)
 
 
 @router.get(MEMBERS)
 def get_members(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
     """The members, by name."""
-    return _members(page, study, cursor, {}, {})
+    return _members(page, study, cursor)
 
 
 @router.post(MEMBERS)
@@ -90,9 +81,9 @@ def post_member(page: CurrentPage, study: str, fields: Fields) -> Response:
     name = values.get("name", "")
     try:
         body = read_form(MemberIn, {"role": values.get("role", "")})
-        staff.set_member(page.state.database, page.caller, study, name, body.role)
+        staff.set_member(page.database, page.caller, study, name, body.role)
     except (NotFoundError, ConflictError, InvalidInputError) as error:
-        return _members(page, study, None, values, wrong_fields(error, "name"), status=error.status)
+        return _members(page, study, form=refused(error, values, "name"))
     return page.redirect(study_address(study, "members"), f"{name} now has the role {body.role}.")
 
 
@@ -100,26 +91,14 @@ def post_member(page: CurrentPage, study: str, fields: Fields) -> Response:
 def post_removal(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Remove a staff member from the study."""
     name = form_values(fields).get("name", "")
-    staff.remove_member(page.state.database, page.caller, study, name)
+    staff.remove_member(page.database, page.caller, study, name)
     return page.redirect(
         study_address(study, "members"), f"{name} was removed from the study's staff."
     )
 
 
 def _members(
-    page: Page,
-    study: str,
-    cursor: str | None,
-    values: dict[str, str],
-    wrong: dict[str, str],
-    status: int = 200,
+    page: Page, study: str, cursor: str | None = None, form: FormState = EMPTY_FORM
 ) -> Response:
-    members = staff.list_members(page.state.database, study, cursor=cursor, limit=MEMBERS_A_PAGE)
-    return page.render(
-        "members.html",
-        status=status,
-        rows=members.rows,
-        next=members.cursor,
-        values=values,
-        wrong=wrong,
-    )
+    members = staff.list_members(page.database, study, cursor=cursor, limit=MEMBERS_A_PAGE)
+    return page.render("members.html", form=form, rows=members.rows, next=members.cursor)

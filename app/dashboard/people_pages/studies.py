@@ -8,12 +8,14 @@ from starlette.responses import HTMLResponse, Response
 
 from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.forms import (
+    EMPTY_FORM,
     Fields,
+    FormState,
     WrongFormError,
     form_values,
     read_form,
+    refused,
     take_version,
-    wrong_fields,
 )
 from app.dashboard.page import CurrentPage, Page
 from app.exports.lists.list_meals import count_photographed
@@ -59,7 +61,7 @@ STUDIES_A_PAGE = 100
 @router.get(PATH)
 def get_settings(page: CurrentPage) -> Response:
     """The protocol."""
-    return _settings(page, {}, {})
+    return _settings(page)
 
 
 @router.post(PATH)
@@ -79,11 +81,10 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
                 changes[name] = None
         of_marker = _meals_of_marker(page, changes)
         if of_marker is not None and agreed_marker != values["marker"]:
-            return _settings(
-                page, values, {"marker": MARKER_ASKED}, of_marker=of_marker, status=409
-            )
+            form = FormState(values, {"marker": MARKER_ASKED}, 409)
+            return _settings(page, form, of_marker)
         studies.change_study(
-            page.state.database,
+            page.database,
             page.caller,
             page.study_code,
             changes,
@@ -91,17 +92,17 @@ def post_settings(page: CurrentPage, fields: Fields) -> Response:
             files_with_places=page.state.part(FilesWithPlaces),
         )
     except PreconditionFailedError as error:
-        return _settings(page, {}, {"": error.message}, status=412)
+        return _settings(page, refused(error))
     except (InvalidInputError, ConflictError) as error:
-        wrong = wrong_fields(error, "web_origins" if error.code == "origin_invalid" else "")
-        return _settings(page, values, wrong, status=error.status)
+        field = "web_origins" if error.code == "origin_invalid" else ""
+        return _settings(page, refused(error, values, field))
     return page.redirect(study_address(page.study_code, "settings"), "The protocol was changed.")
 
 
 @router.get(NEW)
 def get_new_study(page: CurrentPage) -> Response:
     """The form for a new study."""
-    return page.render("new_study.html", values={}, wrong={})
+    return page.render("new_study.html")
 
 
 @router.post(NEW)
@@ -111,7 +112,7 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
     try:
         body = read_form(StudyIn, values)
         studies.create_study(
-            page.state.database,
+            page.database,
             code=body.code,
             name=body.name,
             caller=page.caller,
@@ -119,9 +120,7 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
             is_sandbox=body.sandbox,
         )
     except (InvalidInputError, ConflictError) as error:
-        return page.render(
-            "new_study.html", status=error.status, values=values, wrong=wrong_fields(error)
-        )
+        return page.render("new_study.html", form=refused(error, values))
     return page.redirect(
         study_address(body.code, "settings"),
         f"The study {body.code} was created. This is its protocol.",
@@ -129,21 +128,14 @@ def post_new_study(page: CurrentPage, fields: Fields) -> Response:
 
 
 def _settings(
-    page: Page,
-    values: dict[str, str],
-    wrong: dict[str, str],
-    *,
-    of_marker: PhotographedMeals | None = None,
-    status: int = 200,
+    page: Page, form: FormState = EMPTY_FORM, of_marker: PhotographedMeals | None = None
 ) -> Response:
     """of_marker: the meals that a change of the marker concerns, where the owner is asked about it."""
-    study = render_study(studies.read_study(page.state.database, page.study_code))
+    study = render_study(studies.read_study(page.database, page.study_code))
     return page.render(
         "settings.html",
-        status=status,
+        form=form,
         protocol=study,
-        values=values,
-        wrong=wrong,
         meaning=MEANING,
         switches=SWITCHES,
         of_marker=of_marker,
@@ -152,10 +144,10 @@ def _settings(
 
 def _meals_of_marker(page: Page, changes: studies.ProtocolChange) -> PhotographedMeals | None:
     """Return the study's photographed meals where its marker is to be changed and there are any; else None."""
-    study = studies.read_study(page.state.database, page.study_code)
+    study = studies.read_study(page.database, page.study_code)
     if "marker" not in changes or changes["marker"] == study.marker:
         return None
-    meals = count_photographed(page.state.database, study.id)
+    meals = count_photographed(page.database, study.id)
     return meals if meals.measured or meals.waiting else None
 
 
@@ -183,8 +175,6 @@ def _protocol(values: dict[str, str]) -> dict[str, str | bool | list[str]]:
 @router.get(PREFIX)
 def get_studies(page: CurrentPage, cursor: Cursor = None) -> HTMLResponse:
     """The studies, with links to their pages."""
-    listed = studies.list_studies(
-        page.state.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE
-    )
+    listed = studies.list_studies(page.database, page.caller, cursor=cursor, limit=STUDIES_A_PAGE)
     rows = [(study, role_in(page.caller, study.id)) for study in listed.rows]
     return page.render("studies.html", rows=rows, next=listed.cursor)

@@ -7,7 +7,15 @@ from fastapi import APIRouter, Query
 from starlette.responses import Response
 
 from app.core.errors import ConflictError, InvalidInputError
-from app.dashboard.forms import Fields, form_values, read_form, take_version, wrong_fields
+from app.dashboard.forms import (
+    EMPTY_FORM,
+    Fields,
+    FormState,
+    form_values,
+    read_form,
+    refused,
+    take_version,
+)
 from app.dashboard.page import CurrentPage, Page
 from app.http.paging import Cursor
 from app.outbox.models import ALL_EVENTS, EVENTS
@@ -38,9 +46,7 @@ def post_webhook(page: CurrentPage, study: str, fields: Fields) -> Response:
         body = read_form(WebhookIn, {"url": url, "events": fields.getlist("events")})
         issued = _use_case(page, study).create(body.url, body.events)
     except (InvalidInputError, ConflictError) as error:
-        return _webhooks(
-            page, study, url=url, wrong=wrong_fields(error, "url"), status=error.status
-        )
+        return _webhooks(page, study, refused(error, {"url": url}, "url"))
     return _webhooks(page, study, issued=issued)
 
 
@@ -110,20 +116,13 @@ def _use_case(page: Page, study: str) -> Webhooks:
 
 
 def _webhooks(
-    page: Page,
-    study: str,
-    *,
-    url: str = "",
-    wrong: dict[str, str] | None = None,
-    issued: IssuedSecret | None = None,
-    status: int = 200,
+    page: Page, study: str, form: FormState = EMPTY_FORM, issued: IssuedSecret | None = None
 ) -> Response:
     return page.render(
         "webhooks.html",
-        status=status,
+        form=form,
         rows=_use_case(page, study).list(),
         events=(ALL_EVENTS, *EVENTS),
-        url=url,
-        wrong=wrong or {},
+        url=form.values.get("url", ""),
         issued=issued,
     )
