@@ -11,7 +11,6 @@ import app.meals.stored.job_models
 import app.meals.stored.models
 import app.meals.stored.record_models
 import app.outbox.models
-import app.people.calibration_models
 import app.people.models
 import app.people.privacy_models
 import app.vessels.models

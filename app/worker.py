@@ -23,9 +23,8 @@ from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.estimate.job_worker import run_jobs
 from app.metrics.instruments import REGISTRY, register_build
 from app.metrics.server import MetricsServer
-from app.operations.check_stores import check_stores
 from app.operations.chores import worker_chores
-from app.operations.explain_errors import explained_errors
+from app.operations.explain_errors import check_stores, explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
 from app.records.remeasurements.remeasurements import FeedWorkers

@@ -18,7 +18,7 @@ import structlog
 from app.core.settings import Settings
 from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
-from app.foods.importers.imported import ImportedTable
+from app.foods.importers.source_files import ImportedTable
 from app.foods.importers.sr28 import read_sr28
 from app.operations.prepare import prepare
 from tests.support.reused_database import ReusedDatabases

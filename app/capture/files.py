@@ -18,7 +18,7 @@ from starlette.responses import Response
 from starlette.types import Scope
 
 from app.core.shipped import shipped_folder
-from app.http.public_files import PublicFiles
+from app.http.ranges import PublicFiles
 
 PATH = "/capture"
 STATIC = Path(__file__).parent / "static"

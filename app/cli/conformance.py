@@ -111,7 +111,7 @@ def _prepare_with_study(settings: "Settings") -> str:
     from app.db.session import Database
     from app.operations.prepare import prepare
     from app.people.access.secret_box import open_secret_box
-    from app.people.enrol import issue_enrolment_code
+    from app.people.devices import issue_enrolment_code
     from app.people.participants import create_participant
     from app.people.studies import ProtocolChange, create_study
 

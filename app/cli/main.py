@@ -17,14 +17,12 @@ from app import __version__
 from app.cli.backup import backup, restore
 from app.cli.conformance import conformance_cli
 from app.cli.database import JsonOption, author, opened_database, unmigrated_database
-from app.cli.foods import foods_cli
+from app.cli.foods import foods_cli, vessels_cli
 from app.cli.index import index_cli
 from app.cli.jobs import jobs_cli
 from app.cli.people import admin_cli, staff_cli
-from app.cli.releases import releases_cli
+from app.cli.releases import releases_cli, sql
 from app.cli.remeasure import remeasure
-from app.cli.sql import sql
-from app.cli.vessels import vessels_cli
 from app.core.errors import Failure, InvalidInputError, TadaError
 from app.core.process_life import keep_files_private
 from app.core.settings import Settings
@@ -558,8 +556,8 @@ def doctor(
     from dataclasses import asdict
 
     from app.cli.database import unmigrated_database
+    from app.operations.chores import trust_clock
     from app.operations.doctor.doctor import examine
-    from app.operations.trusted_clock import trust_clock
 
     with unmigrated_database() as database:
         if trusts_clock:

@@ -37,8 +37,7 @@ from app.db.session import open_database
 from app.http.state import CUT
 from app.jobs.supervisor import WorkerProcess, settings_environment
 from app.main import create_app
-from app.operations.check_stores import check_stores
-from app.operations.explain_errors import explain_error, explained_errors
+from app.operations.explain_errors import check_stores, explain_error, explained_errors
 from app.operations.prepare import prepare_patiently
 from app.operations.prepare_apart import prepare_apart
 from app.people.access.web_origins import origins_of_setting

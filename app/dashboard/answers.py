@@ -13,7 +13,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.dashboard.refusals import sentence_of_request
+from app.dashboard.forms import sentence_of_request
 from app.dashboard.templates import render
 from app.http.problems import PROBLEM_JSON, Problem
 from app.people.access.page_rules import PREFIX, study_address

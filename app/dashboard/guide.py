@@ -22,7 +22,7 @@ from starlette.types import Scope
 from app.core.shipped import shipped_folder
 from app.dashboard.answers import HEADERS
 from app.dashboard.templates import render
-from app.http.public_files import PublicFiles
+from app.http.ranges import PublicFiles
 
 PATH = "/docs/guide"
 FIRST = (

@@ -15,7 +15,7 @@ from app.dashboard.forms import EMPTY_FORM, FormState
 from app.dashboard.templates import render
 from app.db.session import Database
 from app.http.file_formats import FORMATS
-from app.http.flat_rows import encode_flat, flat_paths
+from app.http.flat_list import encode_flat, flat_paths
 from app.http.state import ApiState
 from app.people.access.caller import StaffCaller, reaches, role_in
 from app.people.access.deps import CurrentStaff, State

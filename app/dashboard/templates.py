@@ -9,6 +9,7 @@ import hashlib
 import json
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from functools import cache
 from pathlib import Path
@@ -22,9 +23,10 @@ from starlette.responses import Response
 from starlette.types import Scope
 
 from app import __version__
-from app.dashboard.menus import FOODS, server_menu, study_menu
-from app.http.public_files import PublicFiles
+from app.http.ranges import PublicFiles
+from app.people.access.caller import reaches
 from app.people.access.page_rules import PREFIX, study_address
+from app.people.models import Role
 from app.records.review.queries import MOST_MEALS
 
 FOLDER = Path(__file__).parent
@@ -33,6 +35,61 @@ MOST_DECIMALS = 6
 NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
 FOR_GOOD = "public, max-age=31536000, immutable"  # of an address that changes with its file (templates.static)
 ASK_FIRST = "no-cache"
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A page: path below the study (or the dashboard), label, lowest role that may see it."""
+
+    path: tuple[str, ...]
+    label: str
+    needs: Role = "viewer"
+
+
+FOODS = Entry(("foods",), "Foods")  # of the whole server
+STUDY: Mapping[str, tuple[Entry, ...]] = {
+    "Data": (
+        Entry((), "Overview"),
+        Entry(("meals",), "Meals"),
+        Entry(("review",), "Review", "reviewer"),
+        FOODS,
+    ),
+    "People": (
+        Entry(("participants",), "Participants"),
+        Entry(("devices",), "Devices"),
+        Entry(("enrol",), "Cards", "owner"),
+    ),
+    "Results": (
+        Entry(("intakes",), "Intakes"),
+        Entry(("adequacy",), "Adequacy"),
+        Entry(("exports",), "Exports"),
+        Entry(("releases",), "Releases"),
+    ),
+    "Setup": (
+        Entry(("settings",), "Settings"),
+        Entry(("members",), "Members", "owner"),
+        Entry(("densities",), "Densities"),
+        Entry(("vessels",), "Vessels"),
+        Entry(("remeasurements",), "Remeasurements"),
+        Entry(("webhooks",), "Webhooks", "owner"),
+        Entry(("audit",), "Audit log", "owner"),
+    ),
+}
+SERVER: tuple[Entry, ...] = (FOODS, Entry(("marker",), "Marker"), Entry(("account",), "Account"))
+ADMIN: tuple[Entry, ...] = (Entry(("staff",), "Staff"), Entry(("audit",), "Audit log"))
+
+
+def study_menu(role: Role | None) -> dict[str, list[Entry]]:
+    """Return group -> the study's pages that this role may see."""
+    return {
+        group: [entry for entry in entries if reaches(role, entry.needs)]
+        for group, entries in STUDY.items()
+    }
+
+
+def server_menu(*, is_admin: bool) -> list[Entry]:
+    """Return the pages that belong to no study."""
+    return [*SERVER, *(ADMIN if is_admin else ())]
 
 
 def render(template: str, **context: object) -> str:

@@ -25,8 +25,7 @@ from app.diary.overview_schemas import (
 from app.diary.schemas import AdequacyOut, SummaryOut
 from app.diary.study_overview import note_overview_export, study_overview
 from app.http.file_formats import FORMATS, attachment
-from app.http.flat_list import ListRoute
-from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
+from app.http.flat_list import FlatFormat, ListRoute, encode_flat, flat_paths
 from app.http.model_response import ModelResponse
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode

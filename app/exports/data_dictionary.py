@@ -7,8 +7,8 @@ from app.db.session import Database
 from app.exports.export_spec import ExportSpec, check_spec
 from app.exports.table_columns import columns_of
 from app.foods.models import Component, Food, FoodNutrient
-from app.http.columns.column import Column
 from app.http.columns.component_columns import ComponentColumn, component_column
+from app.http.columns.dictionary import Column
 from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.caller import Caller, visible_studies
 from app.records.page_queries import studies_of

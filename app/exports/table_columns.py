@@ -3,7 +3,6 @@
 from collections.abc import Iterable, Mapping, Sequence
 
 from app.exports.export_spec import ExportSpec, Rows
-from app.http.columns.column import Column
 from app.http.columns.component_columns import (
     HEADLINE_COMPONENTS,
     KNOWN,
@@ -14,6 +13,7 @@ from app.http.columns.component_columns import (
     sum_columns,
 )
 from app.http.columns.day_columns import DAY_COLUMNS, OF_LONG_DAY
+from app.http.columns.dictionary import Column
 from app.http.columns.meal_columns import (
     MEAL_COLUMNS,
     MEAL_PROVENANCE,

@@ -8,12 +8,12 @@ import duckdb
 from app.exports.export_spec import ExportSpec, Rows
 from app.exports.live_tables import quoted
 from app.exports.table_columns import columns_of, components_of
-from app.http.columns.column import Column
 from app.http.columns.component_columns import (
     HEADLINE_COMPONENTS,
     ComponentColumn,
     component_column,
 )
+from app.http.columns.dictionary import Column
 from app.http.row_filter import RowFilter
 
 VIEWS: Mapping[Rows, str] = {

@@ -7,9 +7,9 @@ import duckdb
 
 from app.exports.live_tables import quoted
 from app.exports.table_selects import TableSelect
-from app.http.columns.column import Column
+from app.http.columns.dictionary import Column
 from app.http.file_formats import FORMATS, OF_PLACES, Output
-from app.http.flat_rows import FORMULA_STARTS
+from app.http.flat_list import FORMULA_STARTS
 
 GEOJSON_HEAD, GEOJSON_TAIL = b'{"type":"FeatureCollection","features":', b"}\n"
 INSTANT, LOCAL_TIME = "%Y-%m-%dT%H:%M:%S.%fZ", "%Y-%m-%dT%H:%M:%S.%f"

@@ -14,7 +14,7 @@ from app.foods import queries as foods
 from app.foods.importers.csv_table import read_csv_table
 from app.foods.importers.fao_density import read_fao_density
 from app.foods.importers.fdc import read_fdc
-from app.foods.importers.imported import ImportedTable
+from app.foods.importers.source_files import ImportedTable
 from app.foods.importers.sr28 import read_sr28
 from app.foods.models import FoodActivation, FoodRelease
 from app.foods.queries import LOCAL

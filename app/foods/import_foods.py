@@ -20,7 +20,7 @@ from app.db.bulk import insert_rows, refresh_statistics
 from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.component_names import component_row
-from app.foods.importers.imported import ImportedTable, Skipped
+from app.foods.importers.source_files import ImportedTable, Skipped
 from app.foods.models import (
     Food,
     FoodActivation,

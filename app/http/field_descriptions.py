@@ -5,8 +5,8 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, Field, create_model
 
-from app.http.columns.column import Column
 from app.http.columns.day_columns import DAY_COLUMNS
+from app.http.columns.dictionary import Column
 from app.http.columns.meal_columns import PHOTOGRAPH_COLUMNS
 from app.http.columns.record_columns import RECORD_COLUMNS
 

@@ -4,6 +4,7 @@ So a download that broke off goes on. The ETag is the SHA-256 of the bytes, so a
 that are there already, or is not given.
 """
 
+import os
 import re
 from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import anyio
 from fastapi import Request
 from fastapi.responses import Response, StreamingResponse
+from starlette.staticfiles import StaticFiles
 from starlette.types import Receive, Scope, Send
 
 from app.core.errors import RangeNotSatisfiableError
@@ -141,3 +143,13 @@ def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> 
     return ClosingStream(
         pieces, pieces.close, media_type=media_type, headers=headers, status_code=PART
     )
+
+
+class PublicFiles(StaticFiles):
+    """Starlette's static files without names that begin with a dot."""
+
+    def lookup_path(self, path: str) -> tuple[str, os.stat_result | None]:
+        """As StaticFiles; "." is the folder itself."""
+        if any(part.startswith(".") and part != "." for part in path.split("/")):
+            return "", None
+        return super().lookup_path(path)

@@ -1,6 +1,8 @@
-"""Explain environmental errors in a sentence: database, store or disk unavailable, full, or without permission.
+"""Explain environmental errors in a sentence: database, store or disk down, full, or forbidden.
 
-Only for errors that an operator can fix. Errors that look like bugs keep their traceback.
+Only for errors that an operator can fix. Errors that look like bugs keep their traceback. Before a
+process starts, `check_stores` sees whether the stores accept its configuration; a temporary outage
+does not stop it.
 """
 
 import errno
@@ -10,12 +12,17 @@ from contextlib import contextmanager
 
 import psycopg
 import sqlalchemy as sa
+import structlog
 
-from app.core.errors import StorageFullError, TadaError, UnavailableError
+from app.core.errors import InvalidInputError, StorageFullError, TadaError, UnavailableError
+from app.core.settings import Settings
 from app.db.session import is_disk_full
+from app.storage.blob_store import BlobStore, StoreRefusesError
+from app.storage.opening import open_blob_store
 
 PG_NO_RIGHT = "42501"  # SQLSTATE insufficient_privilege
 OUTAGE_ERRORS = (psycopg.OperationalError, psycopg.InterfaceError, sqlite3.OperationalError)
+log = structlog.get_logger()
 
 
 @contextmanager
@@ -78,3 +85,30 @@ def _sqlite_code(error: BaseException | None) -> int:
     """Return SQLite's primary error code; 0: none."""
     code: int = getattr(error, "sqlite_errorcode", 0)
     return code & 0xFF
+
+
+def check_stores(settings: Settings) -> None:
+    """Raise InvalidInputError, `settings_invalid`, for a wrong key, a missing bucket and the like."""
+    blobs = open_blob_store(settings.resolved_blob_url, settings)
+    _check("TADA_BLOB_URL", blobs)
+    _check("TADA_ERASURE_URL", open_blob_store(settings.resolved_erasure_url, settings))
+    if blobs.keeps_versions:  # the ledger may: it names nobody, and is kept
+        log.error(
+            "store_keeps_versions",
+            variable="TADA_BLOB_URL",
+            detail="Erased blobs remain in it: docs/storage.md.",
+        )
+
+
+def _check(variable: str, store: BlobStore) -> None:
+    try:
+        store.check()
+        next(
+            store.keys("nobody/"), None
+        )  # orphans cannot be deleted with a key that may write but not list
+    except StoreRefusesError as error:
+        raise InvalidInputError(
+            f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid"
+        ) from None
+    except OSError as error:
+        log.warning("store_not_usable", variable=variable, reason=error.strerror)

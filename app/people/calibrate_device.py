@@ -20,9 +20,8 @@ from app.http.upload import ReceivedFile
 from app.people import calibration_queries as calibrations
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller, require_study
-from app.people.calibration_models import CameraCalibration, CameraDetails, RigDetails
 from app.people.calibration_schemas import CameraIn, RigIn
-from app.people.models import Device, Study
+from app.people.models import CameraCalibration, CameraDetails, Device, RigDetails, Study
 from app.people.participants import require_in_study
 from app.people.studies import load_study
 from app.vision.intrinsics import TOLERATED_RMS_PX, Camera, camera_from_mapping

@@ -7,8 +7,7 @@ from datetime import datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
-from app.people.calibration_models import CameraCalibration
-from app.people.models import Device, Participant
+from app.people.models import CameraCalibration, Device, Participant
 
 MAX_DEVICES = 1000  # of one model in one study: enough for a median
 

@@ -17,7 +17,6 @@ from app.http.upload import MAX_METADATA_BYTES, UploadLimits, received_parts, re
 from app.people import calibrate_device
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 from app.people.calibrate_device import MAX_PHOTOGRAPHS, NewCalibration
-from app.people.calibration_models import CameraCalibration
 from app.people.calibration_schemas import (
     CalibrationList,
     CalibrationMetadataIn,
@@ -30,6 +29,7 @@ from app.people.calibration_schemas import (
     StudyCalibrationList,
     StudyCalibrationOut,
 )
+from app.people.models import CameraCalibration
 
 router = APIRouter(tags=["calibrations"], route_class=ListRoute)
 

@@ -16,7 +16,7 @@ from app.http.rate_limit import EnrolmentLimit, caller_address
 from app.people import devices
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.secret_box import SecretBox
-from app.people.enrol import NewDevice, enrol_device
+from app.people.devices import NewDevice, enrol_device
 from app.people.schemas import DeviceList, DeviceOut, EnrolmentIn, EnrolmentOut, PhoneOut
 
 devices_of_study = APIRouter(

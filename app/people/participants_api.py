@@ -11,7 +11,7 @@ from app.http.problems import problem_responses
 from app.people import participants
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.secret_box import SecretBox
-from app.people.enrol import capture_link, enrolment_text, issue_enrolment_code, qr_png, qr_svg
+from app.people.devices import capture_link, enrolment_text, issue_enrolment_code, qr_png, qr_svg
 from app.people.models import Participant
 from app.people.participants import ParticipantChange
 from app.people.schemas import (

@@ -13,9 +13,8 @@ from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller, require_study, studies_with_role
 from app.people.access.web_origins import parse_origin
-from app.people.calibration_models import CameraDetails
 from app.people.location_policy import FilesWithPlaces
-from app.people.models import Locale, LocationPolicy, Study, WithdrawalPolicy
+from app.people.models import CameraDetails, Locale, LocationPolicy, Study, WithdrawalPolicy
 from app.vision.marker_spec import parse_marker
 
 

@@ -21,8 +21,7 @@ from app.meals.stored.job_models import LIVE_STATES, Job
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.record_models import EffectiveRecord, Run, RunArtefact
 from app.outbox.models import WebhookDelivery
-from app.people.calibration_models import CameraCalibration
-from app.people.models import Device, Participant, Study
+from app.people.models import CameraCalibration, Device, Participant, Study
 from app.tables import METADATA
 
 Ids = sa.Select[uuid.UUID]

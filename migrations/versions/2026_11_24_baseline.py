@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from alembic import op
 from sqlalchemy.dialects import postgresql
 
-from app.operations.triggers import create_triggers, drop_triggers
+from app.db.migrate import create_triggers, drop_triggers
 
 revision = "20261124_baseline"
 down_revision = None

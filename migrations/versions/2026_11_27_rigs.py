@@ -14,7 +14,7 @@ from alembic.operations import BatchOperations
 from sqlalchemy.dialects import postgresql
 
 from app.core.errors import ConflictError
-from app.operations.triggers import create_triggers
+from app.db.migrate import create_triggers
 
 revision = "20261127_rigs"
 down_revision = "20261127_reshape"

@@ -21,7 +21,7 @@ from app.people.access import passwords
 from app.people.access.caller import authenticate, require_staff
 from app.people.access.secret_box import SecretBox
 from app.people.access.staff import create_admin
-from app.people.enrol import NewDevice, enrol_device, issue_enrolment_code
+from app.people.devices import NewDevice, enrol_device, issue_enrolment_code
 from app.people.participants import create_participant
 from app.people.schemas import StudyIn
 from app.people.studies import create_study

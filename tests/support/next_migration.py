@@ -14,7 +14,7 @@ STEP = '''
 import sqlalchemy as sa
 from alembic import op
 
-from app.operations.triggers import create_triggers
+from app.db.migrate import create_triggers
 
 revision = "20991231_next"
 down_revision = "{before}"

@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Any
 
 from app.foods.importers.fao_density import FaoRow, fao_density
-from app.foods.importers.imported import Skipped
+from app.foods.importers.source_files import Skipped
 from app.foods.importers.sr28 import Sr28Release
 from app.nutrition.components import NUMBER_BY_TAGNAME
 from app.nutrition.density import KIND_OF_FORM

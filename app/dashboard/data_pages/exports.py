@@ -15,10 +15,9 @@ from starlette.datastructures import ImmutableMultiDict
 from starlette.responses import Response
 
 from app.core.errors import InvalidInputError, RateLimitedError
-from app.dashboard.forms import Fields
+from app.dashboard.forms import Fields, sentence
 from app.dashboard.meal_pages.flag_words import FLAGS
 from app.dashboard.page import CurrentPage, Page
-from app.dashboard.refusals import sentence
 from app.exports import background_exports
 from app.exports.data_dictionary import columns_for
 from app.exports.data_dictionary_api import get_data_dictionary

@@ -22,7 +22,7 @@ from app.diary.study_overview import (
     study_overview,
     study_waiting,
 )
-from app.http.flat_rows import FlatFormat
+from app.http.flat_list import FlatFormat
 from app.http.text_schemas import LocalDay
 from app.meals.stored.models import MealStatus
 from app.nutrition.components import HEADLINES, Headline

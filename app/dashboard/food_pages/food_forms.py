@@ -33,9 +33,9 @@ from app.dashboard.forms import (
     form_values,
     read_form,
     refused,
+    sentence,
 )
 from app.dashboard.page import CurrentPage, Page
-from app.dashboard.refusals import sentence
 from app.foods.api import FoodKey
 from app.foods.edits import edit_food
 from app.foods.edits.api import food_edit, measured_density, new_food_edit, render_changes

@@ -9,8 +9,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from app.core.errors import InvalidInputError
-from app.dashboard.forms import with_point
-from app.dashboard.refusals import sentence
+from app.dashboard.forms import sentence, with_point
 from app.records.review.schemas import AnyEventIn, EventIn
 
 EVENTS: TypeAdapter[AnyEventIn] = TypeAdapter(EventIn)

@@ -16,7 +16,7 @@ from app.http.paging import Cursor
 from app.messages.catalogue import catalogue
 from app.people import devices, participants
 from app.people.access.page_rules import PREFIX, study_address
-from app.people.enrol import capture_link, enrolment_text, issue_enrolment_code, qr_svg
+from app.people.devices import capture_link, enrolment_text, issue_enrolment_code, qr_svg
 from app.vision.marker_spec import DEFAULT_MARKER, FORMS, USUAL, parse_marker
 
 router = APIRouter(include_in_schema=False)

@@ -22,8 +22,8 @@ from app.exports.releases.manifest import Manifest
 from app.exports.releases.tables import OF_FOODS, PERSONAL_COLUMNS, TABLES
 from app.exports.table_columns import without_twins
 from app.exports.table_selects import TableSelect
-from app.http.columns.column import Column
 from app.http.columns.day_columns import COUNTS, SUMS
+from app.http.columns.dictionary import Column
 from app.people.access.secret_box import SecretBox
 
 DAY_WITHOUT = with_headlines(Path(__file__).parent / "day_without.sql")

@@ -13,7 +13,7 @@ from app.exports.releases.release_filters import filters_of_json
 from app.exports.releases.tables import LEFT_OUT, OF_FOODS, TABLES
 from app.exports.table_selects import Scope, TableSelect, select_table
 from app.exports.write_table import write_table
-from app.http.columns.column import Column
+from app.http.columns.dictionary import Column
 from app.http.row_filter import RowFilter
 
 FOODS_SQL = (Path(__file__).parent / "foods.sql").read_text("utf-8")

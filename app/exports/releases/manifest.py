@@ -15,8 +15,7 @@ from pydantic import BaseModel, JsonValue, TypeAdapter
 
 from app.exports.releases.queries import ReleaseRow
 from app.exports.releases.tables import FORMER_MANIFEST, KEYS, MANIFEST
-from app.http.columns.column import Column
-from app.http.columns.dictionary import table_schema
+from app.http.columns.dictionary import Column, table_schema
 from app.http.file_formats import FORMATS, Output
 from app.storage.blob_store import BlobDamagedError, BlobMissingError, BlobStore
 

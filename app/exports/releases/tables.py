@@ -8,7 +8,7 @@ there is no table of days, since a day covers everything that was eaten.
 from collections.abc import Collection, Mapping
 
 from app.exports.export_spec import Rows
-from app.http.columns.column import Column
+from app.http.columns.dictionary import Column
 from app.http.columns.meal_columns import MEALS, PLACE, PROFILE
 
 MANIFEST, FORMER_MANIFEST = "datapackage.json", "release.json"  # the latter until 0.4

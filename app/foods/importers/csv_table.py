@@ -17,18 +17,20 @@ from typing import TypeVar
 
 from app.core.errors import InvalidInputError
 from app.core.units import UnitMismatchError, convert
-from app.foods.importers.imported import (
+from app.foods.importers.source_files import (
     MAX_GROUP,
     MAX_KEY,
     MAX_MEASURE,
     MAX_NAME,
     ImportedTable,
+    ImportFileError,
+    Place,
     Skipped,
     SourceComponent,
+    SourceFiles,
     sorted_components,
     unit_of,
 )
-from app.foods.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.components import COMPONENTS
 from app.nutrition.foods import (
     DENSITY_KINDS,

@@ -16,8 +16,7 @@ from xml.etree.ElementTree import ParseError
 import openpyxl
 from openpyxl.utils.exceptions import InvalidFileException
 
-from app.foods.importers.imported import ImportedTable, Skipped
-from app.foods.importers.source_files import DAMAGED_ZIP, ImportFileError
+from app.foods.importers.source_files import DAMAGED_ZIP, ImportedTable, ImportFileError, Skipped
 from app.nutrition.foods import Density, DensityKind, Food, FoodForm, FoodState, FoodTable
 from app.nutrition.portion_density import usual_relative_sd
 

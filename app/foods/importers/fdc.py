@@ -14,17 +14,18 @@ from pathlib import Path
 from types import MappingProxyType
 
 from app.foods.importers.fdc_portions import group_of_category, is_mixed_category, portion_of
-from app.foods.importers.imported import (
+from app.foods.importers.source_files import (
     MAX_GROUP,
     MAX_NAME,
     ImportedTable,
+    ImportFileError,
     Skipped,
     SourceComponent,
+    SourceFiles,
     sorted_components,
     source_component,
     unit_of,
 )
-from app.foods.importers.source_files import ImportFileError, SourceFiles
 from app.nutrition.components import Component
 from app.nutrition.foods import Food, FoodState, FoodTable
 from app.nutrition.group_density import kind_density, starter_foods_by_ndb, with_group_medians

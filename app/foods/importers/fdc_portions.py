@@ -14,8 +14,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 
-from app.foods.importers.imported import MAX_MEASURE, Skipped
-from app.foods.importers.source_files import Place
+from app.foods.importers.source_files import MAX_MEASURE, Place, Skipped
 from app.nutrition.portions import Portion
 
 NO_UNIT = "undetermined"

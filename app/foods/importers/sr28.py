@@ -13,17 +13,19 @@ from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 
-from app.foods.importers.imported import (
+from app.foods.importers.source_files import (
     MAX_GROUP,
     MAX_MEASURE,
     MAX_NAME,
     ImportedTable,
+    ImportFileError,
+    Place,
     Skipped,
     SourceComponent,
+    SourceFiles,
     sorted_components,
     source_component,
 )
-from app.foods.importers.source_files import ImportFileError, Place, SourceFiles
 from app.nutrition.foods import Food, FoodTable, RefusePart
 from app.nutrition.group_density import kind_density, starter_foods_by_ndb, with_group_medians
 from app.nutrition.portion_density import portion_densities

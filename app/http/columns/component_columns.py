@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from app.http.columns.column import Column
+from app.http.columns.dictionary import Column
 from app.http.columns.record_columns import AMOUNTS_OF_HEADLINES, NO_CONTENT
 from app.nutrition.components import COMPONENT_BY_NUMBER, HEADLINES
 

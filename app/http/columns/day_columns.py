@@ -1,7 +1,7 @@
 """The columns of exported days: a row a participant-day, as GET /v1/days has it."""
 
-from app.http.columns.column import Column
 from app.http.columns.component_columns import headline_sums
+from app.http.columns.dictionary import Column
 from app.http.columns.record_columns import (
     DAY_STATUSES,
     LAYERS,

@@ -1,17 +1,42 @@
-"""The data dictionary: every column's name, type, unit, meaning, values, and what an empty cell says.
+"""A column, and the data dictionary: name, type, unit, meaning, values, what is empty.
 
-From the columns that the files are written by; as rows, and as a Table Schema (Frictionless Data) to check a CSV with.
+From the columns that the files are written by; as rows, and as a Table Schema (Frictionless Data)
+to check a CSV with.
 """
 
 import csv
 import io
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 from pydantic import JsonValue
 
-from app.http.columns.column import Column, ColumnType
-from app.http.flat_rows import safe_cell
+from app.http.flat_list import safe_cell
+
+ColumnType = Literal[
+    "id", "word", "instant", "local time", "day", "number", "integer", "boolean", "words"
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
+
+    type: a "word" is any text; "words" is a list of texts.
+    unit: None where the values have none.
+    meaning: one or a few sentences for the data dictionary.
+    values: all that there can be, where that is a short list.
+    empty: what an empty cell says; None: no cell is empty.
+    """
+
+    name: str
+    type: ColumnType
+    unit: str | None = None
+    meaning: str = ""
+    values: tuple[str, ...] = ()
+    empty: str | None = None
+
 
 DictionaryType = Literal[
     "id", "text", "list of words", "instant", "local time", "day", "number", "integer", "boolean"

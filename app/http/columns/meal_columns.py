@@ -1,7 +1,7 @@
 """The columns of exported meals, of their photographs, and of participants, a row each."""
 
-from app.http.columns.column import Column
 from app.http.columns.component_columns import headline_sums
+from app.http.columns.dictionary import Column
 from app.http.columns.record_columns import (
     CAPTURED_AT,
     CAPTURED_LOCAL,

@@ -3,7 +3,7 @@
 RECORD_COLUMNS are what a page of JSON has; PROVENANCE_COLUMNS, which files have behind them, tell where it comes from.
 """
 
-from app.http.columns.column import Column
+from app.http.columns.dictionary import Column
 from app.nutrition.components import HEADLINES
 
 RECORD_STATUSES = ("proposed", "needs_review", "confirmed", "corrected", "rejected")

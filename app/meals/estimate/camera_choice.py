@@ -18,8 +18,7 @@ from app.core.errors import Failure
 from app.meals.stored.models import Meal
 from app.meals.stored.run_answer import RunAnswer
 from app.people import calibration_queries as calibrations
-from app.people.calibration_models import CameraCalibration, CameraDetails
-from app.people.models import Study
+from app.people.models import CameraCalibration, CameraDetails, Study
 from app.photos.slots import PAIR_SLOTS
 from app.vision.intrinsics import Camera, adapt_camera, camera_from_mapping
 from app.vision.rig import StereoRig, adapt_rig, rig_from_mapping, rig_to_json

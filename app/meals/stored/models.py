@@ -11,7 +11,7 @@ from sqlalchemy.orm import Mapped, mapped_column
 from app.core.errors import Failure
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
 from app.meals.stored.outline_json import Polygon
-from app.people.calibration_models import CameraDetails, PinholeDetails, RigDetails
+from app.people.models import CameraDetails, PinholeDetails, RigDetails
 from app.photos.slots import AFTER_SLOTS, SLOTS, VIEW_SLOTS
 
 MealStatus = Literal[

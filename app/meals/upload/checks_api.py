@@ -25,8 +25,7 @@ from app.meals.upload.schemas import CheckMetadataIn, CheckOut, CheckProblemOut
 from app.messages.catalogue import choose_locale, sentence
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentDevice, State
-from app.people.calibration_models import CameraDetails
-from app.people.models import Study
+from app.people.models import CameraDetails, Study
 from app.photos.slots import PAIR_SLOTS
 from app.vision.intrinsics import camera_to_json
 from app.vision.marker_spec import parse_marker

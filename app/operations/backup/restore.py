@@ -23,6 +23,7 @@ from sqlalchemy.exc import OperationalError, StatementError
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.db.bulk import insert_into
+from app.db.migrate import create_triggers, drop_triggers
 from app.db.session import Database
 from app.jobs.queue import JobQueue, sweep
 from app.meals.stored.job_models import Job
@@ -48,7 +49,6 @@ from app.operations.backup.target import (
 )
 from app.operations.backup.write_backup import Tables
 from app.operations.prepare import prepare
-from app.operations.triggers import create_triggers, drop_triggers
 from app.people.access import audit
 from app.people.access.secret_box import existing_secret_box
 from app.privacy.erasure_ledger import KINDS

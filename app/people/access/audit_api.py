@@ -17,8 +17,7 @@ from pydantic import BaseModel, Field
 from app.db.session import Database
 from app.http.field_descriptions import NEXT, PAGE
 from app.http.file_formats import FORMATS, attachment
-from app.http.flat_list import FILES, negotiated_format
-from app.http.flat_rows import FlatFormat, encode_flat, flat_paths
+from app.http.flat_list import FILES, FlatFormat, encode_flat, flat_paths, negotiated_format
 from app.http.model_response import ModelResponse
 from app.http.paging import (
     WHOLE_NUMBER,

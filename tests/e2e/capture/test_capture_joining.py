@@ -9,7 +9,7 @@ import pytest
 import zxingcpp
 from playwright.sync_api import expect
 
-from app.people.enrol import capture_link, enrolment_text, qr_png
+from app.people.devices import capture_link, enrolment_text, qr_png
 from tests.e2e.browser import ARGUMENTS, CHROMIUM, WatchedPage
 from tests.e2e.capture.capture_page import first_photograph, send
 from tests.e2e.capture.conftest import PHONE

@@ -5,7 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
 
-from app.dashboard import menus
+from app.dashboard import templates
 from app.dashboard.people_pages.account import safe_path
 from app.dashboard.templates import static
 from app.people.access.caller import SESSION_IDLE
@@ -150,11 +150,11 @@ def test_sign_in_redirects_to_no_other_site():
 
 
 def test_menus_link_only_to_existing_pages():
-    assert list(menus.STUDY) == ["Data", "People", "Results", "Setup"]
-    for entry in itertools.chain(*menus.STUDY.values()):
-        start = "/dashboard" if entry == menus.FOODS else "/dashboard/studies/{study}"
+    assert list(templates.STUDY) == ["Data", "People", "Results", "Setup"]
+    for entry in itertools.chain(*templates.STUDY.values()):
+        start = "/dashboard" if entry == templates.FOODS else "/dashboard/studies/{study}"
         assert ("GET", "/".join([start, *entry.path])) in PAGES, entry
-    for entry in (*menus.SERVER, *menus.ADMIN):
+    for entry in (*templates.SERVER, *templates.ADMIN):
         assert ("GET", "/".join(["/dashboard", *entry.path])) in PAGES, entry
 
 

@@ -21,7 +21,7 @@ from app.exports.export_places import ExportPlaces
 from app.exports.export_spec import ExportSpec
 from app.exports.file_task import FileTasks
 from app.http.columns.record_columns import PROVENANCE_COLUMNS, RECORD_COLUMNS
-from app.http.flat_rows import safe_cell
+from app.http.flat_list import safe_cell
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.caller import StaffCaller

@@ -8,7 +8,7 @@ import pytest
 
 from app.foods.food_releases import use_release
 from app.foods.import_foods import import_foods, load_starter
-from app.foods.importers.imported import ImportedTable, Skipped
+from app.foods.importers.source_files import ImportedTable, Skipped
 from app.foods.models import FoodDensity
 from app.foods.queries import foods_by_key
 from app.nutrition.components import COMPONENT_BY_NUMBER

@@ -1,4 +1,4 @@
-from app.http.flat_rows import FORMULA_STARTS, safe_cell
+from app.http.flat_list import FORMULA_STARTS, safe_cell
 
 
 def test_food_shows_nutrients_densities_and_sources_by_its_key_or_number(phone):

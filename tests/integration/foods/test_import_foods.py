@@ -13,7 +13,7 @@ from app.foods import import_foods as module
 from app.foods.food_releases import list_releases, use_release
 from app.foods.foods import read_food
 from app.foods.import_foods import import_foods
-from app.foods.importers.imported import ImportedTable, Skipped
+from app.foods.importers.source_files import ImportedTable, Skipped
 from app.foods.models import Food, FoodActivation, FoodNutrient, FoodRelease
 from app.foods.search.models import FoodPosting
 from app.nutrition.components import COMPONENT_BY_NUMBER

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from app.db.migrate import upgrade
 from app.db.session import Database, normalise_url
 from app.foods.import_foods import import_foods
-from app.foods.importers.imported import ImportedTable, Skipped
+from app.foods.importers.source_files import ImportedTable, Skipped
 from app.foods.search import search_foods as search
 from app.foods.search.search_foods import food_groups, search_foods
 from app.nutrition.foods import Food, FoodTable

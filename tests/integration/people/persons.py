@@ -24,8 +24,7 @@ from app.meals.stored.record_models import Item, ItemCandidate, ItemFood, ItemMe
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.access.caller import sha256_hex
 from app.people.access.secret_box import SecretBox
-from app.people.calibration_models import CameraCalibration
-from app.people.models import Enrolment, Participant, PushSubscription, Staff, Study
+from app.people.models import CameraCalibration, Enrolment, Participant, PushSubscription, Staff, Study
 from app.records.recompute_records import rebuild_records
 from app.vision.looks.vcm import LENGTH, VCM_VERSION
 from tests.integration.conftest import Phone, meal_metadata

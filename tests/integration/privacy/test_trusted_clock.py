@@ -11,10 +11,9 @@ from typer.testing import CliRunner
 
 from app.cli.main import cli
 from app.meals.stored.models import MealImage
-from app.operations import trusted_clock
-from app.operations.chores import worker_chores
+from app.operations import chores
+from app.operations.chores import TrustedClock, worker_chores
 from app.operations.queries import database_now
-from app.operations.trusted_clock import TrustedClock
 from app.people.access.secret_box import SecretBox
 from app.people.models import Study
 from app.people.privacy_queries import clock_doubted_seconds
@@ -28,9 +27,7 @@ RETENTION_DAYS = 90
 def clocks(monkeypatch):
     """The clock on the wall is `ahead` seconds ahead of the true time; `running` is the clock that nobody sets."""
     clocks = SimpleNamespace(ahead=0.0, running=0.0)
-    monkeypatch.setattr(
-        trusted_clock, "database_now", lambda session: database_now(session) + timedelta(seconds=clocks.ahead)
-    )
+    monkeypatch.setattr(chores, "database_now", lambda session: database_now(session) + timedelta(seconds=clocks.ahead))
     return clocks
 
 

@@ -7,7 +7,7 @@ from structlog.testing import capture_logs
 from app.core.errors import InvalidInputError
 from app.core.settings import Settings
 from app.jobs.supervisor import settings_environment
-from app.operations.check_stores import check_stores
+from app.operations.explain_errors import check_stores
 from app.storage.s3 import S3BlobStore
 from tests.support.s3_places import s3_settings
 

@@ -7,8 +7,7 @@ import pytest
 from pydantic import Field, TypeAdapter, ValidationError
 
 from app.core.errors import ConflictError
-from app.dashboard.forms import Model, WrongFormError, read_form, wrong_fields
-from app.dashboard.refusals import sentence, sentence_of_request
+from app.dashboard.forms import Model, WrongFormError, read_form, sentence, sentence_of_request
 from app.exports.releases.schemas import ReleaseIn
 from app.people.schemas import ParticipantPatch
 
@@ -39,9 +38,9 @@ def test_error_becomes_a_sentence_about_what_to_enter(annotation, value, expecte
 
 
 def refusals(model: type[Model], values: dict[str, object]) -> dict[str, str]:
-    with pytest.raises(WrongFormError) as refused:
+    with pytest.raises(WrongFormError) as error:
         read_form(model, values)
-    return wrong_fields(refused.value)
+    return error.value.wrong
 
 
 def test_wrong_name_of_a_release_says_which_characters_are_allowed_and_a_part_of_a_field_is_named():
@@ -61,4 +60,4 @@ def test_parameter_or_field_that_cannot_be_read_is_named_and_an_empty_one_keeps_
     with pytest.raises(WrongFormError) as refused:
         read_form(ReleaseIn, {"name": "first"}, {"note": "This cannot be read."})
     assert refused.value.wrong == {"note": "This cannot be read."}
-    assert wrong_fields(ConflictError("It exists."), "name") == {"name": "It exists."}
+    assert refused(ConflictError("It exists."), "name").wrong == {"name": "It exists."}

@@ -10,8 +10,8 @@ import pytest
 from app.exports.live_tables import limited_duckdb
 from app.exports.table_selects import TableSelect
 from app.exports.write_table import write_table
-from app.http.columns.column import Column
-from app.http.flat_rows import FORMULA_STARTS
+from app.http.columns.dictionary import Column
+from app.http.flat_list import FORMULA_STARTS
 
 COLUMNS = (
     Column("id", "id"),

@@ -11,8 +11,7 @@ import pytest
 
 from app.children.api_children import ApiChildren
 from app.meals.estimate.camera_choice import choose_camera
-from app.people.calibration_models import CameraCalibration
-from app.people.models import Device, Participant, Study
+from app.people.models import CameraCalibration, Device, Participant, Study
 from app.vision.marker_spec import parse_marker
 from tests.integration.conftest import meal_metadata
 from tests.integration.meals.upload.answers import refusal
