@@ -11,23 +11,10 @@ from app.db.session import Database
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import StaffCaller, new_token, sha256_hex, studies_with_role
+from app.people.access.staff_schemas import TokenOut
 from app.people.models import AccessToken, Scope, Staff
 
-MAX_DAYS = 365
 MAX_TOKENS = 50  # valid tokens per person, which also keeps the list short
-
-
-@dataclass(frozen=True, slots=True)
-class TokenView:
-    """A token without its secret. study: code of the only study that it gives access to; None: all of its creator's."""
-
-    id: uuid.UUID
-    name: str
-    scope: str
-    study: str | None
-    created_at: datetime
-    expires_at: datetime | None
-    last_used_at: datetime | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +54,7 @@ def create_token(
     scope: Scope,
     study_code: str | None,
     days: int,
-) -> tuple[str, TokenView]:
+) -> tuple[str, TokenOut]:
     """Create a token. Returns it, to be shown once, and its description.
 
     Its rights follow its creator's roles at each call, restricted by scope and study. Raises NotFoundError (a study in
@@ -112,7 +99,7 @@ def create_token(
     return token, _view(row, study_code)
 
 
-def list_tokens(database: Database, caller: StaffCaller) -> list[TokenView]:
+def list_tokens(database: Database, caller: StaffCaller) -> list[TokenOut]:
     """Return the caller's valid tokens, the newest first: at most MAX_TOKENS and those of the command line."""
     with database.read() as session:
         rows = people.personal_tokens(session, caller.staff_id, datetime.now(UTC))
@@ -135,8 +122,8 @@ def revoke_token(database: Database, caller: StaffCaller, token_id: uuid.UUID) -
             note(session, caller, "token.revoke", study_id=row.study_id, subject=row.id)
 
 
-def _view(row: AccessToken, study_code: str | None) -> TokenView:
-    return TokenView(
+def _view(row: AccessToken, study_code: str | None) -> TokenOut:
+    return TokenOut(
         id=row.id,
         name=row.name or "",
         scope=row.scope,

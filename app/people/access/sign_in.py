@@ -8,7 +8,6 @@ import math
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
 import sqlalchemy as sa
@@ -25,7 +24,8 @@ from app.people.access.caller import SESSION_IDLE, StaffCaller, new_token, sha25
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import SecretBox
 from app.people.access.staff import normal_name
-from app.people.models import AccessToken, Role, SignInAttempt, Staff
+from app.people.access.staff_schemas import SessionIssued, SessionOut
+from app.people.models import AccessToken, SignInAttempt, Staff
 
 MINUTE = timedelta(minutes=1)
 SESSION_VALID = timedelta(hours=12)  # a working day
@@ -38,28 +38,7 @@ FAILURES_KEPT, SUCCESSES_KEPT = timedelta(hours=1), timedelta(days=90)
 LOCK = 7_346_210_988  # of PostgreSQL, that attempts are counted one after the other: any number of our own
 
 
-@dataclass(frozen=True, slots=True)
-class IssuedSession:
-    """A session's token, shown once. The session also ends after `idle_minutes` without use."""
-
-    token: str
-    name: str
-    is_admin: bool
-    expires_at: datetime
-    idle_minutes: int
-
-
-@dataclass(frozen=True, slots=True)
-class SessionView:
-    """The signed-in staff member and their role by study code."""
-
-    name: str
-    is_admin: bool
-    roles: dict[str, Role]
-    expires_at: datetime
-
-
-def sign_in(database: Database, passwords: Passwords, name: str, password: str) -> IssuedSession:
+def sign_in(database: Database, passwords: Passwords, name: str, password: str) -> SessionIssued:
     """Open a session. Raises UnauthenticatedError (`sign_in_failed`): unknown name, wrong password or disabled."""
     with database.read() as session:
         candidate = people.find_staff(session, normal_name(name))
@@ -88,19 +67,28 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
         )
         session.add(row)
         note(session, StaffCaller(staff.id, staff.name, staff.is_admin, row.id), "session.open")
-    return IssuedSession(
-        token, staff.name, staff.is_admin, now + SESSION_VALID, SESSION_IDLE // MINUTE
+    return SessionIssued(
+        token=token,
+        name=staff.name,
+        is_admin=staff.is_admin,
+        expires_at=now + SESSION_VALID,
+        idle_minutes=SESSION_IDLE // MINUTE,
     )
 
 
-def read_session(database: Database, caller: StaffCaller) -> SessionView:
+def read_session(database: Database, caller: StaffCaller) -> SessionOut:
     """Return the signed-in staff member."""
     with database.read() as session:
         codes = people.codes_of_studies(session, caller.roles.keys())
         row = session.get_one(AccessToken, caller.token_id)
     roles = {codes[study]: role for study, role in caller.roles.items() if study in codes}
     expires_at = row.expires_at or datetime.now(UTC) + SESSION_VALID
-    return SessionView(caller.name, caller.is_admin, dict(sorted(roles.items())), expires_at)
+    return SessionOut(
+        name=caller.name,
+        is_admin=caller.is_admin,
+        roles=dict(sorted(roles.items())),
+        expires_at=expires_at,
+    )
 
 
 def sign_out(database: Database, caller: StaffCaller) -> None:

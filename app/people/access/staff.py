@@ -18,6 +18,7 @@ from app.people.access.access_tokens import EndedAccess, end_access
 from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller, new_token, sha256_hex
 from app.people.access.passwords import Passwords
+from app.people.access.staff_schemas import MemberOut
 from app.people.models import AccessToken, Role, Staff, Study, StudyMember
 from app.people.studies import load_study
 
@@ -197,19 +198,9 @@ def _exists_error(name: str) -> ConflictError:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Membership:
-    """A staff member's role in a study."""
-
-    name: str
-    role: str
-    is_disabled: bool
-    since: datetime
-
-
 def list_members(
     database: Database, study_code: str, *, cursor: str | None, limit: int
-) -> Page[Membership]:
+) -> Page[MemberOut]:
     """Return a page of a study's members by name. Raises NotFoundError."""
     list_name = f"members of {study_code}"
     after = decode_cursor(list_name, cursor, TEXT)
@@ -226,7 +217,7 @@ def list_members(
 
 def set_member(
     database: Database, caller: StaffCaller, study_code: str, name: str, role: Role
-) -> Membership:
+) -> MemberOut:
     """Give a staff member a role in a study or change it. Raises NotFoundError, ConflictError (`last_owner`)."""
     with database.write() as session:
         study, staff, member = _find_member(session, study_code, name)
@@ -273,5 +264,10 @@ def _require_other_owner(
         )
 
 
-def _membership(member: StudyMember, staff: Staff) -> Membership:
-    return Membership(staff.name, member.role, staff.disabled_at is not None, member.created_at)
+def _membership(member: StudyMember, staff: Staff) -> MemberOut:
+    return MemberOut(
+        name=staff.name,
+        role=member.role,
+        is_disabled=staff.disabled_at is not None,
+        since=member.created_at,
+    )

@@ -35,7 +35,6 @@ from app.people.access.staff_schemas import (
     TokenIn,
     TokenIssued,
     TokenList,
-    TokenOut,
 )
 from app.people.models import Staff
 
@@ -103,18 +102,15 @@ def _render(row: Staff) -> StaffOut:
 def post_session(body: SessionIn, request: Request, state: State) -> SessionIssued:
     """Sign in. An unknown name, a wrong password and a disabled account get the same 401, after the same time."""
     with state.part(SignInLimits).trying(body.name, caller_address(request)):
-        issued = sign_in.sign_in(
+        return sign_in.sign_in(
             state.database, state.part(Passwords), body.name, body.password.get_secret_value()
         )
-    return SessionIssued.model_validate(issued, from_attributes=True)
 
 
 @sessions.get("/current", responses=problem_responses(401, 403))
 def get_current_session(state: State, caller: CurrentStaff) -> SessionOut:
     """The staff member who is signed in."""
-    return SessionOut.model_validate(
-        sign_in.read_session(state.database, caller), from_attributes=True
-    )
+    return sign_in.read_session(state.database, caller)
 
 
 @sessions.delete("/current", status_code=204, responses=problem_responses(401, 403))
@@ -143,10 +139,7 @@ def post_password(
 @tokens.get("", responses=problem_responses(401, 403))
 def get_tokens(state: State, caller: CurrentStaff) -> TokenList:
     """The caller's valid tokens, without their secrets."""
-    tokens = access_tokens.list_tokens(state.database, caller)
-    return TokenList(
-        items=[TokenOut.model_validate(token, from_attributes=True) for token in tokens]
-    )
+    return TokenList(items=access_tokens.list_tokens(state.database, caller))
 
 
 @tokens.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
@@ -160,9 +153,7 @@ def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued
         study_code=body.study,
         days=body.days,
     )
-    return TokenIssued(
-        token=token, **TokenOut.model_validate(view, from_attributes=True).model_dump()
-    )
+    return TokenIssued(token=token, **view.model_dump())
 
 
 @tokens.delete("/{token_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
@@ -187,8 +178,7 @@ def get_members(
 ) -> MemberList:
     """The study's members by name."""
     page = staff.list_members(state.database, study, cursor=cursor, limit=limit)
-    items = [MemberOut.model_validate(row, from_attributes=True) for row in page.rows]
-    return MemberList(items=items, next=next_page(request, page.cursor))
+    return MemberList(items=page.rows, next=next_page(request, page.cursor))
 
 
 @members.put("/{name}", responses=problem_responses(401, 403, 404, 409, 422))
@@ -196,8 +186,7 @@ def put_member(
     study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff
 ) -> MemberOut:
     """Give a staff member a role in the study or change it. The last owner keeps the role."""
-    member = staff.set_member(state.database, caller, study, name, body.role)
-    return MemberOut.model_validate(member, from_attributes=True)
+    return staff.set_member(state.database, caller, study, name, body.role)
 
 
 @members.delete("/{name}", status_code=204, responses=problem_responses(401, 403, 404, 409, 422))

@@ -8,9 +8,10 @@ from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
 from app.http.field_descriptions import NEXT, PAGE, STAFF_NAME
 from app.http.text_schemas import Text
-from app.people.access.access_tokens import MAX_DAYS
 from app.people.access.passwords import MAX_LENGTH, MIN_LENGTH
 from app.people.models import Role, Scope
+
+MAX_DAYS = 365  # of a token
 
 StaffName = Annotated[Text, Field(min_length=1, max_length=200)]
 NewPassword = Annotated[
