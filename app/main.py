@@ -181,7 +181,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
     app.state.request_headers = list(REQUEST_HEADERS)
     app.state.on_metadata = None
     install_problem_handlers(app)
-    app.add_exception_handler(NotFoundError, me_privacy.on_not_found)
+    app.exception_handler(NotFoundError)(me_privacy.on_not_found)
     app.mount("/dashboard/static", DashboardFiles())
     app.mount(CAPTURE, CaptureFiles())
     app.mount(guide.PATH, guide.GuideFiles())

@@ -31,11 +31,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
 from app.cli.demo import (  # noqa: E402
-    APPLE,
-    DOUGHNUT,
-    ORANGE,
-    RICE,
-    SALAD,
+    PLATES,
     Plate,
     checked,
 )
@@ -46,7 +42,6 @@ from app.meals.stored.record_models import Run  # noqa: E402
 from benchmarks.processes import end  # noqa: E402
 from benchmarks.workers import Place, deployment, environment, wait_until_alive, wait_until_made  # noqa: E402
 
-PLATES = (APPLE, DOUGHNUT, ORANGE, RICE, SALAD)
 PATH = "/v1/studies/workers/remeasurements"
 STILL_SECONDS = 10  # a stopped remeasurement is watched for so long
 UNCOMPARED = frozenset({"change_seq", "run_id"})
@@ -136,7 +131,7 @@ def send(place: Place, count: int, name: str) -> list[uuid.UUID]:
     """Upload the bundled pairs in turn, with the foods that they show, as so many meals: their ids."""
     return [
         send_plate(place, plate, f"{name} {number}")
-        for number, plate in zip(range(count), itertools.cycle(PLATES))
+        for number, plate in zip(range(count), itertools.cycle(PLATES.values()))
     ]
 
 
@@ -150,7 +145,7 @@ def send_plate(place: Place, plate: Plate, name: str) -> uuid.UUID:
         "id": str(uuid.uuid5(uuid.NAMESPACE_OID, name)),
         "captured_at": "2026-11-20T12:30:00+00:00",
         "time_zone": "UTC",
-        "hints": [{"point": list(point), "food": food} for point, food in plate.points],
+        "hints": [{"point": point, "food": food} for food, point in plate.points.items()],
     }
     parts = {
         "metadata": ("metadata.json", json.dumps(metadata).encode(), "application/json")
@@ -161,7 +156,7 @@ def send_plate(place: Place, plate: Plate, name: str) -> uuid.UUID:
 
 def visit(place: Place) -> uuid.UUID:
     """Send one meal and wait until it is measured: its id."""
-    meal = send_plate(place, APPLE, str(uuid.uuid4()))
+    meal = send_plate(place, PLATES["apple"], str(uuid.uuid4()))
     wait_until_made(place, [meal])
     return meal
 

@@ -10,10 +10,11 @@ import sys
 import tempfile
 import threading
 import time
+import tomllib
 import uuid
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
@@ -37,6 +38,7 @@ SHOWN_CANDIDATES = 3
 SHOWN_NUTRIENTS = ("ENERC_KCAL", "CHOCDF", "FIBTG", "SUGAR", "PROCNT", "FAT", "K", "VITC")
 ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LISTENING = re.compile(r"listens on (http://\S+)")
+DATA = importlib.resources.files("app") / "demo_data"
 
 
 def run_demo(output: Path) -> int:
@@ -210,7 +212,7 @@ def send_meal(phone: httpx2.Client) -> MealOut:
 
 def bundled_photograph(folder: str, slot: str) -> bytes:
     """Return a photograph of app/demo_data. slot: left, right, after_left or after_right."""
-    return (importlib.resources.files("app") / "demo_data" / folder / f"{slot}.jpg").read_bytes()
+    return (DATA / folder / f"{slot}.jpg").read_bytes()
 
 
 def upload(
@@ -305,7 +307,11 @@ def checked(response: httpx2.Response) -> httpx2.Response:
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """A participant. appetite: factor of the amounts below. keeps: probability of entering a meal and closing a day."""
+    """A participant of the sample study.
+
+    appetite: factor of the dishes' amounts
+    keeps: probability of entering a meal and of closing a day
+    """
 
     code: str
     profile: dict[str, object]
@@ -317,88 +323,16 @@ class Person:
 class Plate:
     """A bundled pair, rendered: its volumes are known.
 
-    points: the middle of each food in the left photograph, px, with its key in the starter table
+    folder: below app/demo_data
+    points: food's key -> its middle in the left photograph, px
+    left_over: the same in its after-meal pair
     """
 
-    folder: str  # below app/demo_data
-    points: tuple[tuple[tuple[int, int], str], ...]
-    left_over: tuple[tuple[tuple[int, int], str], ...] = ()  # in its after-meal pair
+    folder: str
+    points: Mapping[str, list[int]]
+    left_over: Mapping[str, list[int]] = field(default_factory=dict)
 
 
-Dish = tuple[tuple[str, float], ...]
-
-PEOPLE: tuple[Person, ...] = (
-    Person(
-        "P001", {"sex": "female", "birth_year": 1990, "height_cm": 168, "weight_kg": 62}, 1.0, 0.95
-    ),
-    Person(
-        "P002",
-        {
-            "sex": "male",
-            "birth_year": 1984,
-            "height_cm": 181,
-            "weight_kg": 83,
-            "activity": "active",
-        },
-        1.35,
-        0.9,
-    ),
-    Person(
-        "P003", {"sex": "female", "birth_year": 1972, "height_cm": 161, "weight_kg": 70}, 0.9, 0.85
-    ),
-    Person(
-        "P004", {"sex": "male", "birth_year": 1998, "height_cm": 176, "weight_kg": 71}, 1.2, 0.5
-    ),
-    Person(
-        "P005", {"sex": "female", "birth_year": 2001, "height_cm": 170, "weight_kg": 58}, 1.05, 0.9
-    ),
-    Person(
-        "P006", {"sex": "male", "birth_year": 1961, "height_cm": 174, "weight_kg": 79}, 1.1, 0.8
-    ),
-)
-
-APPLE = Plate("", (((1092, 620), "apple"),))
-RICE = Plate(
-    "rice_banana_kiwifruit",
-    (((296, 510), "rice-white-cooked"), ((544, 572), "banana"), ((483, 347), "kiwifruit")),
-)
-DOUGHNUT = Plate("doughnut_banana", (((756, 549), "doughnut"), ((647, 756), "banana")))
-SALAD = Plate("salad_pear", (((401, 514), "salad-greens"), ((406, 326), "pear")))
-ORANGE = Plate(
-    "orange_kiwifruit",
-    (((526, 473), "orange"), ((311, 429), "kiwifruit")),
-    left_over=(((1013, 427), "orange"),),
-)
-
-BREAKFASTS: tuple[Dish, ...] = (
-    (("oatmeal-cooked", 250), ("banana", 110), ("milk-whole", 120)),
-    (("muesli", 65), ("yogurt", 150), ("coffee", 200)),
-    (("bread-whole-wheat", 75), ("butter", 12), ("cheese-gouda", 40), ("coffee", 200)),
-    (("egg-boiled", 100), ("bread-rye", 65), ("tomato", 80), ("tea", 250)),
-)
-LUNCHES: tuple[Dish, ...] = (
-    (("pasta-cooked", 260), ("pasta-sauce", 130), ("cheese-parmesan", 12)),
-    (("lentils-cooked", 220), ("rice-brown-cooked", 160), ("carrot-cooked", 90)),
-    (("soup-minestrone", 350), ("bread-roll", 65), ("apple", 150)),
-    (("chicken-breast-grilled", 140), ("rice-white-cooked", 190), ("broccoli-cooked", 120)),
-    (("tuna-salad", 180), ("bread-french", 80), ("salad-greens", 60)),
-)
-DINNERS: tuple[Dish, ...] = (
-    (("salmon", 150), ("potatoes-boiled", 230), ("green-beans-cooked", 130), ("butter", 8)),
-    (("beef-stewed", 150), ("potato-mashed", 220), ("carrot-cooked", 100)),
-    (("tofu-fried", 120), ("rice-white-cooked", 200), ("broccoli-cooked", 140)),
-    (("egg-omelet", 170), ("bread-multigrain", 80), ("side-salad", 120)),
-    (("spaghetti-meat-sauce", 400), ("lettuce-romaine", 70), ("olive-oil", 10)),
-)
-SNACKS: tuple[Dish, ...] = (
-    (("apple", 160), ("walnuts", 25)),
-    (("yogurt-fruit", 150),),
-    (("cookie-oatmeal", 40), ("coffee", 200)),
-    (("chocolate-bar-dark", 25), ("orange", 180)),
-)
-OCCASIONS: tuple[tuple[float, tuple[Dish, ...]], ...] = (  # local hour, possible dishes
-    (7.5, BREAKFASTS),
-    (12.5, LUNCHES),
-    (15.75, SNACKS),
-    (19.0, DINNERS),
-)
+SAMPLE = tomllib.loads((DATA / "sample_study.toml").read_text("utf-8"))
+PEOPLE = tuple(Person(**person) for person in SAMPLE["people"])
+PLATES = {name: Plate(**plate) for name, plate in SAMPLE["plates"].items()}

@@ -19,14 +19,10 @@ import httpx2
 from PIL import Image
 
 from app.cli.demo import (
-    APPLE,
-    DOUGHNUT,
     MARKER,
-    OCCASIONS,
-    ORANGE,
     PEOPLE,
-    RICE,
-    SALAD,
+    PLATES,
+    SAMPLE,
     Person,
     Plate,
     bundled_photograph,
@@ -77,35 +73,8 @@ class Photographed:
     days_ago: int = 0
 
 
-PHOTOGRAPHED: tuple[Photographed, ...] = (
-    Photographed(RICE, names=True, then="confirm"),
-    Photographed(ORANGE, names=True, then="confirm", days_ago=1),
-    Photographed(APPLE),
-    Photographed(SALAD),
-    Photographed(DOUGHNUT, then="ask"),
-    Photographed(APPLE, is_cropped=True),
-    Photographed(SALAD, names=True, then="confirm", days_ago=1),
-    Photographed(RICE, days_ago=2),
-    Photographed(DOUGHNUT, names=True, days_ago=3),
-    Photographed(APPLE, is_half=True),
-)
-VESSELS: tuple[Mapping[str, object], ...] = (  # a study's library; no photograph shows one
-    {"name": "Blue mug", "kind": "mug", "rim_diameter_mm": 82, "height_mm": 95, "capacity_ml": 380},
-    {
-        "name": "Soup bowl",
-        "kind": "soup_bowl",
-        "rim_diameter_mm": 160,
-        "height_mm": 62,
-        "inside_profile_mm": [[0, 9], [35, 10], [55, 22], [70, 42], [78, 56], [80, 62]],
-    },
-    {
-        "name": "Water glass",
-        "kind": "glass",
-        "rim_diameter_mm": 68,
-        "height_mm": 110,
-        "fill_line_mm": 85,
-        "fill_line_ml": 200,
-    },
+PHOTOGRAPHED = tuple(
+    Photographed(**meal | {"plate": PLATES[meal["plate"]]}) for meal in SAMPLE["photographed"]
 )
 
 
@@ -175,7 +144,7 @@ def make_study(admin: httpx2.Client, people: Sequence[Person] = PEOPLE) -> Sampl
             },
         )
     )
-    for vessel in VESSELS:
+    for vessel in SAMPLE["vessels"]:
         checked(admin.post(f"/v1/studies/{STUDY}/vessels", json=vessel))
     accounts = [make_account(admin, name, role) for name, role in ROLES.items()]
     phones = {
@@ -231,13 +200,13 @@ def declare_day(
 ) -> None:
     """Enter a participant's meals of a day as text, and close the day with their probability."""
     declared = 0
-    for hour, dishes in OCCASIONS:
-        dish, is_kept = chance.choice(dishes), chance.random() < person.keeps
-        at = instant(day, hour + chance.uniform(-0.6, 0.6))
+    for meal in SAMPLE["occasions"]:
+        dish, is_kept = chance.choice(meal["dishes"]), chance.random() < person.keeps
+        at = instant(day, meal["hour"] + chance.uniform(-0.6, 0.6))
         if not is_kept or at > datetime.now(ZoneInfo(ZONE)):
             continue
         items = []
-        for food, grams in dish:
+        for food, grams in dish.items():
             amount = {"mass_g": round(grams * person.appetite * chance.uniform(0.75, 1.25))}
             is_known = chance.random() >= AMOUNT_UNKNOWN
             items.append({"food": food} | ({"amount": amount} if is_known else {}))
@@ -297,11 +266,9 @@ def send_photographs(
     return meal_id
 
 
-def hints_at(
-    points: Sequence[tuple[tuple[int, int], str]], *, names: bool
-) -> list[dict[str, object]]:
+def hints_at(points: Mapping[str, list[int]], *, names: bool) -> list[dict[str, object]]:
     """Return a hint per food. names: name the food too."""
-    return [{"point": list(point)} | ({"food": food} if names else {}) for point, food in points]
+    return [{"point": at} | ({"food": food} if names else {}) for food, at in points.items()]
 
 
 def send_part(phone: httpx2.Client, path: str, slot: str, content: bytes) -> None:

@@ -2,7 +2,6 @@
 
 import json
 import sys
-from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
@@ -47,7 +46,7 @@ def foods_search(
     with opened_database() as database:
         foods = search_foods(database, " ".join(words), group=group, limit=limit)
     if as_json:
-        print(json.dumps([asdict(food) for food in foods]))
+        print(json.dumps([food.model_dump() for food in foods]))
     else:
         print(
             "\n".join(f"{food.key:<32} {food.name}  [{food.release}]" for food in foods)

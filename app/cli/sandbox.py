@@ -12,12 +12,8 @@ from datetime import UTC, datetime
 import httpx2
 
 from app.cli.demo import (
-    APPLE,
-    DOUGHNUT,
     MARKER,
-    ORANGE,
-    RICE,
-    SALAD,
+    PLATES,
     bundled_photograph,
     checked,
     client_of,
@@ -114,12 +110,12 @@ def send_meals(admin: httpx2.Client, code: str) -> None:
     with client_of(
         admin.base_url, EnrolmentOut.model_validate_json(enrolled.content).token
     ) as phone:
-        for plate in (APPLE, RICE, DOUGHNUT, SALAD, ORANGE):
+        for plate in PLATES.values():
             metadata = {
                 "id": str(uuid.uuid4()),
                 "captured_at": datetime.now(UTC).isoformat(timespec="seconds"),
                 "time_zone": "Etc/UTC",
-                "hints": [{"point": list(point)} for point, _ in plate.points],
+                "hints": [{"point": point} for point in plate.points.values()],
             }
             meal = upload(
                 phone,

@@ -47,8 +47,7 @@ def get_foods(
     limit: Limit = 100,
 ) -> FoodList:
     """Foods, best match first; without `q`, in the tables' order. An unknown group has no foods."""
-    matches = search_foods(state.database, q, group=group, limit=limit)
-    return FoodList.model_validate({"items": matches}, from_attributes=True)
+    return FoodList(items=search_foods(state.database, q, group=group, limit=limit))
 
 
 @router.get("/foods/{key}", responses=problem_responses(401, 404, 422))
@@ -66,9 +65,7 @@ def get_food(state: State, caller: CurrentCaller, key: FoodKey, response: Respon
 @router.get("/food-groups", responses=problem_responses(401))
 def get_food_groups(state: State, _: CurrentCaller) -> FoodGroupList:
     """The groups of the foods in force, by name."""
-    return FoodGroupList.model_validate(
-        {"items": food_groups(state.database)}, from_attributes=True
-    )
+    return FoodGroupList(items=food_groups(state.database))
 
 
 def etag_of(view: FoodView) -> str:

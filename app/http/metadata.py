@@ -7,6 +7,7 @@ from pydantic import BaseModel, ValidationError
 from starlette.requests import Request
 
 from app.core.errors import InvalidInputError, MalformedRequestError, TooLargeError
+from app.http.problems import value_problems
 
 Model = TypeVar("Model", bound=BaseModel)
 MAX_UNKNOWN = 50  # fields: more are no newer app
@@ -54,14 +55,7 @@ def validated(model: type[Model], body: bytes) -> Model:
     try:
         return model.model_validate_json(body)
     except ValidationError as error:
-        problems = [
-            {
-                "at": ".".join(str(part) for part in item["loc"]),
-                "message": item["msg"],
-                "type": item["type"],
-            }
-            for item in error.errors(include_url=False, include_context=False, include_input=False)
-        ]
+        problems = value_problems(error.errors())
     first = problems[0]
     if first["type"] == "json_invalid":
         raise MalformedRequestError(

@@ -2,7 +2,7 @@
 
 import errno
 import http
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import sqlalchemy.exc
@@ -72,20 +72,32 @@ def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
     }
 
 
+def value_problems(errors: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
+    """Return pydantic's errors as a problem document's `errors`: place, message and type."""
+    return [
+        {
+            "at": ".".join(str(part) for part in error["loc"]),
+            "message": error["msg"],
+            "type": error["type"],
+        }
+        for error in errors
+    ]
+
+
 def install_problem_handlers(app: FastAPI) -> None:
     """Render every error of the app as a problem document."""
-    app.add_exception_handler(TadaError, _on_tada_error)
-    app.add_exception_handler(RequestValidationError, _on_invalid_request)
-    app.add_exception_handler(HTTPException, _on_http_exception)
+    app.exception_handler(TadaError)(_on_tada_error)
+    app.exception_handler(RequestValidationError)(_on_invalid_request)
+    app.exception_handler(HTTPException)(_on_http_exception)
     app.add_exception_handler(ClientDisconnect, _on_disconnect)
     for away in (
         sqlalchemy.exc.OperationalError,
         sqlalchemy.exc.InterfaceError,
         sqlalchemy.exc.InternalError,
+        sqlalchemy.exc.TimeoutError,
     ):
         app.add_exception_handler(away, _on_database_error)
     app.add_exception_handler(sqlalchemy.exc.DataError, _on_data_error)
-    app.add_exception_handler(sqlalchemy.exc.TimeoutError, _on_database_error)
     app.add_exception_handler(OSError, _on_store_error)
 
 
@@ -120,33 +132,20 @@ def _document(
     )
 
 
-async def _on_tada_error(_: Request, error: Exception) -> Response:
-    if not isinstance(error, TadaError):
-        raise error
+async def _on_tada_error(_: Request, error: TadaError) -> Response:
     if error.status >= http.HTTPStatus.INTERNAL_SERVER_ERROR:
         log.error("request_failed", code=error.code, detail=error.message, exc_info=error)
     return render_problem(error)
 
 
-async def _on_invalid_request(_: Request, error: Exception) -> Response:
-    if not isinstance(error, RequestValidationError):
-        raise error
-    problems = [
-        {
-            "at": ".".join(str(part) for part in item["loc"]),
-            "message": item["msg"],
-            "type": item["type"],
-        }
-        for item in error.errors()
-    ]
+async def _on_invalid_request(_: Request, error: RequestValidationError) -> Response:
+    problems = value_problems(error.errors())
     first = f"{problems[0]['at']}: {problems[0]['message']}" if problems else "invalid"
     message = f"The request has a value that cannot be accepted: {first}."
     return render_problem(InvalidInputError(message, errors=problems))
 
 
-async def _on_http_exception(_: Request, error: Exception) -> Response:
-    if not isinstance(error, HTTPException):
-        raise error
+async def _on_http_exception(_: Request, error: HTTPException) -> Response:
     code = CODES_BY_STATUS.get(error.status_code, "http_error")
     return _document(error.status_code, str(error.detail), code, False, {}, error.headers)
 

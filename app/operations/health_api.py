@@ -5,7 +5,6 @@ but meals are accepted. Access to metrics: metrics/server.py.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Annotated, Literal
 
@@ -29,21 +28,18 @@ from app.storage.blob_store import BlobStore
 router = APIRouter(tags=["health"])
 
 
-@dataclass(frozen=True, slots=True)
-class Readiness:
-    """checks: name -> "ok" or the problem. The other fields are information."""
+class Ready(BaseModel):
+    """Whether meals can be taken, and how the queue stands."""
 
-    checks: dict[str, str]
-    workers_alive: int
-    oldest_waiting_seconds: float | None
-
-    @property
-    def is_ready(self) -> bool:
-        """Return whether all checks are ok."""
-        return all(state == "ok" for state in self.checks.values())
+    ready: bool = Field(description="Whether meals can be taken.")
+    checks: dict[str, str] = Field(description="Each `ok`, or what is wrong.")
+    workers_alive: int = Field(description="Reported only: no worker refuses no meal.")
+    oldest_waiting_seconds: float | None = Field(
+        description="Age of the meal that has waited longest, null if none."
+    )
 
 
-def check_readiness(database: Database, blobs: BlobStore, settings: Settings) -> Readiness:
+def check_readiness(database: Database, blobs: BlobStore, settings: Settings) -> Ready:
     """Check each part that an upload needs. Does not raise for a part that fails."""
     workers, oldest = 0, None
     try:
@@ -69,24 +65,18 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
         low = free < settings.min_free_bytes
         checks["disk"] = f"{free} bytes free, less than {settings.min_free_bytes}" if low else "ok"
     waited = (datetime.now(UTC) - oldest).total_seconds() if oldest is not None else None
-    return Readiness(checks, workers, waited)
+    return Ready(
+        ready=all(state == "ok" for state in checks.values()),
+        checks=checks,
+        workers_alive=workers,
+        oldest_waiting_seconds=waited,
+    )
 
 
 class Health(BaseModel):
     """The process is alive."""
 
     status: Literal["ok"] = Field(default="ok", description="ok: the process answers.")
-
-
-class Ready(BaseModel):
-    """Whether meals can be taken, and how the queue stands."""
-
-    ready: bool = Field(description="Whether meals can be taken.")
-    checks: dict[str, str] = Field(description="Each `ok`, or what is wrong.")
-    workers_alive: int = Field(description="Reported only: no worker refuses no meal.")
-    oldest_waiting_seconds: float | None = Field(
-        description="Age of the meal that has waited longest, null if none."
-    )
 
 
 @router.head("/healthz", include_in_schema=False)  # load balancers ask so
@@ -100,14 +90,9 @@ async def get_health() -> Health:
 @router.get("/readyz", responses={503: {"model": Ready, "description": "Not ready: see checks."}})
 def get_ready(state: State, response: Response) -> Ready:
     """Ready for meals or not."""
-    readiness = check_readiness(state.database, state.blobs, state.settings)
-    response.status_code = 200 if readiness.is_ready else 503
-    return Ready(
-        ready=readiness.is_ready,
-        checks=readiness.checks,
-        workers_alive=readiness.workers_alive,
-        oldest_waiting_seconds=readiness.oldest_waiting_seconds,
-    )
+    ready = check_readiness(state.database, state.blobs, state.settings)
+    response.status_code = 200 if ready.ready else 503
+    return ready
 
 
 class _All(Collector):

@@ -121,10 +121,8 @@ def _pieces(file: IO[bytes]) -> Iterator[bytes]:
         yield piece
 
 
-def on_not_found(request: Request, error: Exception) -> Response:
+def on_not_found(request: Request, error: NotFoundError) -> Response:
     """Render a NotFoundError; as 410 for a phone whose participant deleted the meal concerned."""
-    if not isinstance(error, NotFoundError):
-        raise error
     caller = getattr(request.state, "caller", None)
     client_id = request.path_params.get("meal_id")
     if isinstance(caller, DeviceCaller) and client_id is not None:

@@ -15,7 +15,7 @@ import httpx2
 import numpy as np
 import pytest
 
-from app.cli.demo import APPLE, PEOPLE, RICE, SALAD
+from app.cli.demo import PEOPLE, PLATES
 from app.cli.demo_study import STUDY, Photographed, SampleStudy, declare_days, make_study, photograph_meals, settle
 from tests.e2e.browser import violations
 from tests.e2e.dashboard_crawl import crawl, routes
@@ -26,10 +26,10 @@ from tests.support.waiting import wait_until
 pytestmark = pytest.mark.slow
 
 MEALS = (
-    Photographed(RICE, names=True, then="confirm"),
-    Photographed(APPLE),
-    Photographed(SALAD),
-    Photographed(APPLE, is_cropped=True),
+    Photographed(PLATES["rice"], names=True, then="confirm"),
+    Photographed(PLATES["apple"]),
+    Photographed(PLATES["salad"]),
+    Photographed(PLATES["apple"], is_cropped=True),
 )
 DAYS = 4
 SEED = 3

@@ -1,7 +1,7 @@
 """The food tables: a search with figures, the page of one food, and its changes as readable lines."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Annotated, Any
 from urllib.parse import quote
 
@@ -253,7 +253,7 @@ def _restorable(view: FoodView, changes: Sequence[ChangeOut]) -> frozenset[int]:
 def _row(row: ListedFood) -> FoodRow:
     figures = ("g_per_ml", "sd_g_per_ml", "kind", "basis", "source")
     return FoodRow.model_validate(
-        asdict(row.food)
+        row.food.model_dump()
         | {"energy_kcal_per_100_g": row.energy_kcal}
         | {f"density_{name}": getattr(row.density, name, None) for name in figures}
     )

@@ -7,7 +7,7 @@ ranks. For browsing each result comes with its energy and its density.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 from sqlalchemy.orm import Session
 
@@ -16,6 +16,7 @@ from app.foods import queries as foods
 from app.foods.food_values import bare_value, pooled_densities
 from app.foods.models import Food, FoodRelease
 from app.foods.queries import DENSITIES_ONLY, LOCAL, SAME_FOOD_SYSTEMS, releases_in_force
+from app.foods.schemas import FoodGroupOut, FoodMatch
 from app.foods.search import queries as index
 from app.foods.search.queries import other_names
 from app.nutrition.components import ENERGY_NUMBERS
@@ -48,32 +49,9 @@ _KEY = re.compile(r"[a-z0-9]+(?:[:-][a-z0-9_.]+)+")
 FOODS_AT_ONCE = 100  # foods per statement
 
 
-@dataclass(frozen=True, slots=True)
-class MatchedFood:
-    """A search result. release: name and version. matched: the label that has the words; None without words."""
-
-    key: str
-    name: str
-    aliases: Sequence[str]
-    group: str
-    form: str
-    state: str | None
-    is_mixed_dish: bool
-    release: str
-    matched: str | None
-
-
-@dataclass(frozen=True, slots=True)
-class FoodGroup:
-    """A food group in force and how many foods it has."""
-
-    name: str
-    foods: int
-
-
 def search_foods(
     database: Database, words: str | None = None, *, group: str | None = None, limit: int = 50
-) -> list[MatchedFood]:
+) -> list[FoodMatch]:
     """Return foods of the releases in force, best match first; without words, in the tables' order.
 
     group: exact name, ignoring case; an unknown one has no foods. Words without a letter or a digit match nothing.
@@ -92,13 +70,13 @@ def search_foods(
     return [_match_row(row, releases, label) for row, label in matches[:limit]]
 
 
-def food_groups(database: Database) -> list[FoodGroup]:
+def food_groups(database: Database) -> list[FoodGroupOut]:
     """Return the groups of the foods in force, by name."""
     with database.read() as session:
         groups = index.groups_in_force(
             session, [release.id for release in _searched_releases(session)]
         )
-    return [FoodGroup(name, count) for name, count in groups]
+    return [FoodGroupOut(name=name, foods=count) for name, count in groups]
 
 
 def _without_shadowed(
@@ -289,25 +267,17 @@ def _merge_same_foods(
 
 def _match_row(
     row: index.FoodRow, releases: dict[int, FoodRelease], matched: str | None
-) -> MatchedFood:
-    return MatchedFood(
-        key=row.key,
-        name=row.name,
-        aliases=row.aliases,
-        group=row.food_group,
-        form=row.form,
-        state=row.state,
-        is_mixed_dish=row.is_mixed_dish,
-        release=releases[row.release_id].title,
-        matched=matched,
-    )
+) -> FoodMatch:
+    release = releases[row.release_id].title
+    values = asdict(row) | {"group": row.food_group, "release": release, "matched": matched}
+    return FoodMatch.model_validate(values)
 
 
 @dataclass(frozen=True, slots=True)
 class ListedFood:
     """A matched food. energy_kcal: of 100 g edible portion; density: the chosen one. None: not known."""
 
-    food: MatchedFood
+    food: FoodMatch
     energy_kcal: float | None
     density: Density | None
 

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from app.cli.demo import APPLE, DOUGHNUT, ORANGE, RICE, SALAD
+from app.cli.demo import PLATES as BY_NAME
 from app.meals.estimate.estimate_files import estimate_files, read_options
 
 SEED = 39
-PLATES = {plate.folder or "apple": plate for plate in (APPLE, DOUGHNUT, ORANGE, RICE, SALAD)}
+PLATES = {plate.folder or "apple": plate for plate in BY_NAME.values()}
 SCENES = ("meal-04", "meal-09", "meal-12", "table-03", "table-06", "hard-01-touching")
 PLAUSIBLE_ML = {  # what a person may have on the plate, from half of a small one to two large ones
     "apple": (40, 600),
@@ -67,7 +67,7 @@ def require_believable(answer, hints):
 def test_bundled_pair_has_believable_volumes(name, moved_px):
     plate, draw = PLATES[name], random.Random(f"{SEED} {name}")
     hints = []
-    for (x, y), food in plate.points:
+    for food, (x, y) in plate.points.items():
         point = [x + draw.randint(-moved_px, moved_px), y + draw.randint(-moved_px, moved_px)]
         hints.append({"point": point, "food": food})
     folder = pathlib.Path(str(importlib.resources.files("app"))) / "demo_data" / plate.folder
