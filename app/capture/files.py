@@ -1,9 +1,9 @@
 """Serve the capture page's files: public, since they hold no data.
 
-The page works offline: its service worker keeps all files of one version. Which files those are is not written down
-anywhere; the server lists them, and prepends the list to the worker's script, so that the script changes with any file
-and browsers notice the new version. Before the script are also the texts of notifications, which are shown without a
-network.
+The page works offline: its service worker keeps all files of one version. Which files those are is
+not written down anywhere; the server lists them, and prepends the list to the worker's script, so
+that the script changes with any file and browsers notice the new version. Before the script are
+also the texts of notifications, which are shown without a network.
 """
 
 import hashlib
@@ -38,7 +38,8 @@ HEADERS: Mapping[str, str] = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(self), geolocation=(), microphone=(self), payment=(), usb=()",
-    "Cache-Control": "no-cache",  # the service worker keeps files by version; without one, ask each time
+    # the service worker keeps files by version; without one, ask each time
+    "Cache-Control": "no-cache",
 }
 
 

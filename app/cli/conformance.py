@@ -64,7 +64,10 @@ def run_conformance(
         bool, typer.Option("--any-study", help="Also where the study is no sandbox.")
     ] = False,
 ) -> None:
-    """Play a phone against a server, with lost answers and broken uploads. Exit status 0: all required checks pass."""
+    """Play a phone against a server, with lost answers and broken uploads.
+
+    Exit status 0: all required checks pass.
+    """
     import httpx2
 
     from app.cli.demo import bundled_photograph
@@ -106,7 +109,10 @@ def run_conformance(
 
 
 def _prepare_with_study(settings: "Settings") -> str:
-    """Prepare a new deployment with a sandbox study, without a server. Returns an enrolment code."""
+    """Prepare a new deployment with a sandbox study, without a server.
+
+    Returns an enrolment code.
+    """
     from app.cli.demo import MARKER
     from app.db.session import Database
     from app.operations.prepare import prepare

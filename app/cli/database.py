@@ -24,7 +24,8 @@ JsonOption = Annotated[bool, typer.Option("--json", help="One JSON document on s
 def opened_database() -> Iterator["Database"]:
     """Open the configured database for one command, and bring it up to date.
 
-    Raises StorageFullError or UnavailableError with a readable message if database, permissions, store or disk fail.
+    Raises StorageFullError or UnavailableError with a readable message if database, permissions,
+    store or disk fail.
     """
     from app.operations.prepare import prepare
 

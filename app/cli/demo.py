@@ -105,11 +105,13 @@ def throwaway_server(port: int = 0) -> Iterator[httpx2.Client]:
 
 
 def serve_until_interrupted(port: int, fill: Callable[[httpx2.Client], object]) -> int:
-    """Run a throwaway server, fill it as its admin, and serve it until Ctrl-C. Returns the exit status."""
+    """Run a throwaway server, fill it as its admin, and serve it until Ctrl-C.
+
+    Returns the exit status.
+    """
     for number in ENDINGS:
-        signal.signal(
-            number, _interrupt
-        )  # SIGINT too, since shells make background processes ignore it
+        # SIGINT too, since shells make background processes ignore it
+        signal.signal(number, _interrupt)
     try:
         with throwaway_server(port) as admin:
             fill(admin)

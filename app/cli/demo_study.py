@@ -1,8 +1,9 @@
 """`tada demo --browse`: a sample study on a throwaway server, served to a browser until Ctrl-C.
 
-Created over HTTP as phones and staff do it: `make_study` creates people, `photograph_meals` uploads photographed meals,
-`declare_days` fills the days with meals entered as text, `settle` waits for the estimates of the photographs and sends
-the events of participants and reviewers. All but ids and passwords is drawn from a seed.
+Created over HTTP as phones and staff do it: `make_study` creates people, `photograph_meals` uploads
+photographed meals, `declare_days` fills the days with meals entered as text, `settle` waits for the
+estimates of the photographs and sends the events of participants and reviewers. All but ids and
+passwords is drawn from a seed.
 """
 
 import io
@@ -63,7 +64,10 @@ class Account:
 
 @dataclass(frozen=True, slots=True)
 class Photographed:
-    """A photographed meal. names: the phone names each food. then: the event that follows the estimate."""
+    """A photographed meal.
+
+    names: the phone names each food. then: the event that follows the estimate.
+    """
 
     plate: Plate
     names: bool = False
@@ -80,7 +84,10 @@ PHOTOGRAPHED = tuple(
 
 @dataclass(slots=True)
 class SampleStudy:
-    """The created study. measured: meals that a worker has to estimate, each with the phone that sent it."""
+    """The created study.
+
+    measured: meals that a worker has to estimate, each with the phone that sent it.
+    """
 
     accounts: list[Account]
     people: list[Person]

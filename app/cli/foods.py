@@ -110,7 +110,10 @@ def foods_import(
         datetime | None, typer.Option(formats=["%Y-%m-%d"], help="csv: its date of publication.")
     ] = None,
 ) -> None:
-    """Import a published food table: validate it, write it, put it in force. Importing it again changes nothing."""
+    """Import a published food table: validate it, write it, put it in force.
+
+    Importing it again changes nothing.
+    """
     from app.foods.food_releases import read_food_release
     from app.foods.import_foods import import_foods
 
@@ -167,7 +170,10 @@ def foods_use(
         str | None, typer.Argument(help="Left out: no release of this name is in force.")
     ] = None,
 ) -> None:
-    """Put another release of a table in force, or none. Records do not change: see `tada records recompute`."""
+    """Put another release of a table in force, or none.
+
+    Records do not change: see `tada records recompute`.
+    """
     from app.foods.food_releases import use_release
 
     with opened_database() as database:

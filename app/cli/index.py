@@ -29,7 +29,10 @@ def index_build(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Build an index of how foods look from labelled photographs. TADA_FOOD_INDEX makes the server use it."""
+    """Build an index of how foods look from labelled photographs.
+
+    TADA_FOOD_INDEX makes the server use it.
+    """
     from app.candidates.labelled_folder import build_from_folder
     from app.identification.build_index import write_index, write_labels
     from app.identification.food_index import labels_path, open_index
@@ -39,9 +42,8 @@ def index_build(
     if not output.parent.is_dir():
         raise InvalidInputError(f"{output.parent} is not a folder.")
     for path in (output, labels_path(output)):
-        if path.is_dir() or not os.access(
-            path if path.exists() else path.parent, os.W_OK
-        ):  # before minutes of work
+        # before minutes of work
+        if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
             raise InvalidInputError(f"{path} cannot be written.")
     built = build_from_folder(
         folder,
@@ -85,7 +87,10 @@ def index_rebuild(
     check: Annotated[bool, typer.Option("--check", help="Only count; change nothing.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Compute missing vectors of the current version from items' photographs. Safe while workers run."""
+    """Compute missing vectors of the current version from items' photographs.
+
+    Safe while workers run.
+    """
     from app.children.child_pool import ChildPool
     from app.records.rebuild_index import check_index, rebuild_index
     from app.storage.opening import open_blob_store

@@ -121,7 +121,10 @@ def jobs_cancel(
 def _apply_to_each(
     meals: list[uuid.UUID], act: Callable[[uuid.UUID], bool], done: str, done_before: str
 ) -> NoReturn:
-    """Apply an action to each meal, print the results and exit. act: returns whether it changed anything."""
+    """Apply an action to each meal, print the results and exit.
+
+    act: returns whether it changed anything.
+    """
     refused = 0
     for meal in meals:
         try:

@@ -1,7 +1,8 @@
 """The `tada` command. Each command reads its arguments, calls one use case and prints the result.
 
-Commands import their modules when they run, so that `tada estimate` does not load a web framework. Errors are printed
-as sentences on standard error. Exit status 0: success, 1: a negative result, 2: wrong usage or input.
+Commands import their modules when they run, so that `tada estimate` does not load a web framework.
+Errors are printed as sentences on standard error. Exit status 0: success, 1: a negative result, 2:
+wrong usage or input.
 """
 
 import json
@@ -241,9 +242,8 @@ def estimate(
     """Estimate the volumes of the foods in one or more photographs of a meal, without a server."""
     from app.children.cores import THREAD_VARIABLES
 
-    os.environ.update(
-        dict.fromkeys(THREAD_VARIABLES, "1")
-    )  # before libraries are loaded, which would only compete
+    # before libraries are loaded, which would only compete
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     from app.meals.estimate.estimate_files import estimate_files, read_options
 
     options = read_options(
@@ -573,7 +573,10 @@ def doctor(
 
 
 def read_photo_or_fail(path: Path, *, least_short_side_px: int | None = None) -> "Photo":
-    """Return a photograph of a file. Raises InvalidInputError. least_short_side_px: None: what a marker needs."""
+    """Return a photograph of a file.
+
+    Raises InvalidInputError. least_short_side_px: None: what a marker needs.
+    """
     from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
 
     try:

@@ -1,7 +1,7 @@
 """`tada admin` and `tada staff`: admins and staff.
 
-Passwords are read from a file, standard input or a hidden prompt, never from an argument, which every user of the
-machine could read.
+Passwords are read from a file, standard input or a hidden prompt, never from an argument, which
+every user of the machine could read.
 """
 
 import sys
@@ -72,7 +72,10 @@ def staff_password(name: str, password_file: PasswordFile = None) -> None:
 
 @staff_cli.command("disable")
 def staff_disable(name: str) -> None:
-    """Disable a staff member and end their sessions and tokens for good. The last admin cannot be disabled."""
+    """Disable a staff member and end their sessions and tokens for good.
+
+    The last admin cannot be disabled.
+    """
     from app.people.access.staff import StaffChange
 
     ended = _change(name, StaffChange(is_disabled=True))

@@ -43,9 +43,12 @@ def remeasure(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Measure kept photographs again by today's pipeline, while no meal waits. The same command continues it.
+    """Measure kept photographs again by today's pipeline, while no meal waits.
 
-    Workers do it. What people said stays on top, and releases stay as they are. Status 1: it was stopped.
+    The same command continues it.
+
+    Workers do it. What people said stays on top, and releases stay as they are. Status 1: it was
+    stopped.
     """
     with opened_database() as database:
         selections = _selections(database, targets, participant, limit)

@@ -1,7 +1,7 @@
 """`tada sandbox`: a study for trying an app, on a throwaway server or on a given one.
 
-It prints what an app's author needs: the address, an enrolment code that never runs out, and the answers that the app
-can ask for.
+It prints what an app's author needs: the address, an enrolment code that never runs out, and the
+answers that the app can ask for.
 """
 
 import os
@@ -62,7 +62,10 @@ def run_sandbox(study: str, *, server: str | None, sends: bool, port: int) -> in
 
 
 def open_sandbox(admin: httpx2.Client, study: str, *, sends: bool) -> EnrolmentCodeOut:
-    """Create the study unless it is there, issue an enrolment code, and print both. Raises InvalidInputError."""
+    """Create the study unless it is there, issue an enrolment code, and print both.
+
+    Raises InvalidInputError.
+    """
     body = {
         "code": study,
         "name": "Sandbox",

@@ -1,9 +1,11 @@
 """`tada serve`: uvicorn with our app and, with the embedded database, a worker process that is restarted if it ends.
 
-Several processes are uvicorn's own workers, each with an app of its own; they share the listening sockets.
+Several processes are uvicorn's own workers, each with an app of its own; they share the listening
+sockets.
 
-Behind a reverse proxy the caller's address is in X-Forwarded-For, which any client can set: it is trusted only from the
-proxies in TADA_TRUSTED_PROXIES, by default from none. Slow heads are the proxy's to end (docs/decisions/0060).
+Behind a reverse proxy the caller's address is in X-Forwarded-For, which any client can set: it is
+trusted only from the proxies in TADA_TRUSTED_PROXIES, by default from none. Slow heads are the
+proxy's to end (docs/decisions/0060).
 """
 
 import asyncio
@@ -57,7 +59,9 @@ def serve(
     processes: int = 1,
     around: Callable[[ASGIApp], ASGIApp] | None = None,
 ) -> int:
-    """Serve until SIGTERM or SIGINT, and return the exit status. Raises TadaError if it cannot start.
+    """Serve until SIGTERM or SIGINT, and return the exit status.
+
+    Raises TadaError if it cannot start.
 
     around: puts a middleware around the app of a single process.
     """
@@ -152,7 +156,8 @@ def _listening(settings: Settings) -> Iterator[list[socket.socket]]:
 @contextlib.contextmanager
 def _beside(embedded_worker: WorkerProcess | None) -> Iterator[None]:
     """Keep the worker until the server has ended, as requests may wait for it."""
-    # uvicorn raises the signal again once it has shut down: by default it would end us before our worker is stopped
+    # uvicorn raises the signal again once it has shut down: by default it would end us before our
+    # worker is stopped
     before = signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     if embedded_worker is not None:
         embedded_worker.start()
@@ -226,7 +231,9 @@ def print_addresses(sockets: Iterable[socket.socket]) -> None:
 
 
 def server_config(settings: Settings, app: ASGIApp | str, processes: int = 1) -> uvicorn.Config:
-    """Return uvicorn's configuration. app: of several processes the function that makes it, by its name.
+    """Return uvicorn's configuration.
+
+    app: of several processes the function that makes it, by its name.
 
     Raises InvalidInputError for invalid proxies.
     """
@@ -254,12 +261,12 @@ def server_config(settings: Settings, app: ASGIApp | str, processes: int = 1) ->
 def return_freed_memory() -> None:
     """Make glibc return large blocks to the system when they are freed, and use few memory pools.
 
-    By default it keeps the memory of many simultaneous uploads, in a pool per thread, for good. asyncio's buffers of
-    256 KiB are reused: returning each of them cost an upload a quarter of its time in this process.
+    By default it keeps the memory of many simultaneous uploads, in a pool per thread, for good.
+    asyncio's buffers of 256 KiB are reused: returning each of them cost an upload a quarter of its
+    time in this process.
     """
-    with contextlib.suppress(
-        OSError, AttributeError
-    ):  # other C libraries have no mallopt and need none
+    # other C libraries have no mallopt and need none
+    with contextlib.suppress(OSError, AttributeError):
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(M_ARENA_MAX, 4)
         mallopt(M_MMAP_THRESHOLD, 512 * 1024)  # a fixed value also disables its automatic growth
@@ -275,10 +282,13 @@ def raise_open_file_limit(needed: int) -> None:
 
 
 def trusted_proxies(value: str | None) -> list[str]:
-    """Return the addresses and networks of TADA_TRUSTED_PROXIES. Raises InvalidInputError, `settings_invalid`.
+    """Return the addresses and networks of TADA_TRUSTED_PROXIES.
 
-    Checked here, since uvicorn treats an invalid network as a host name that matches no caller: the proxy would then
-    count as the caller of all requests. A network of all addresses is refused: any client could claim any address.
+    Raises InvalidInputError, `settings_invalid`.
+
+    Checked here, since uvicorn treats an invalid network as a host name that matches no caller: the
+    proxy would then count as the caller of all requests. A network of all addresses is refused: any
+    client could claim any address.
     """
     proxies = []
     for part in (value or "").split(","):

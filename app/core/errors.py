@@ -1,7 +1,8 @@
 """The hierarchy of errors, each with a stable code and HTTP status; and Failure, a scene's expected failure as a value.
 
-A bad call or request raises a TadaError, which app/http/problems.py renders as RFC 9457. A photograph that cannot be
-measured is a result, not an error: a `Failure` is returned, stored with the meal and shown to people.
+A bad call or request raises a TadaError, which app/http/problems.py renders as RFC 9457. A
+photograph that cannot be measured is a result, not an error: a `Failure` is returned, stored with
+the meal and shown to people.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,10 @@
-"""Structured logs on standard error: JSON for machines, or lines for people. No personal data: ids and codes only.
+"""Structured logs on standard error: JSON for machines, or lines for people.
 
-Beside its event, a line has `request_id` during a request, `job_id` during a job, and the facts bound on the way
-(`bind_log_context(meal_id=...)`), which are also in the line that ends the request or job. So a search for a meal's id
-finds all its lines, from upload to record and webhook.
+No personal data: ids and codes only.
+
+Beside its event, a line has `request_id` during a request, `job_id` during a job, and the facts
+bound on the way (`bind_log_context(meal_id=...)`), which are also in the line that ends the request
+or job. So a search for a meal's id finds all its lines, from upload to record and webhook.
 """
 
 import contextlib
@@ -25,19 +27,13 @@ from app.core.settings import Settings
 
 WINDOW_SECONDS = 60.0
 MAX_LINES = 10  # per window, only for outages: lines of other causes may differ in what they report
-OUTAGE_ERRORS = frozenset(
-    {"OperationalError", "InterfaceError"}
-)  # of database drivers, beside all OSErrors
+# of database drivers, beside all OSErrors
+OUTAGE_ERRORS = frozenset({"OperationalError", "InterfaceError"})
 MAX_CAUSES = 200
 
 Cause = tuple[str, str, int]  # the exception's type, and where it was raised
-QUIET = (
-    "python_multipart",
-    "uvicorn.access",
-    "alembic",
-    "PIL",
-    "httpx2",
-)  # they log every step or request
+# they log every step or request
+QUIET = ("python_multipart", "uvicorn.access", "alembic", "PIL", "httpx2")
 UUID_PATTERN = re.compile(
     r"[0-9a-f]{8}(-?)[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{4}\1[0-9a-f]{12}", re.IGNORECASE
 )
@@ -60,8 +56,8 @@ class OneTracebackPerCause:
     """A structlog processor: one traceback per cause and minute. clock: monotonic, s.
 
     During a database outage each request and heartbeat would log its own. The first line of a cause
-    has the traceback, the next ones only name the cause. For outages of a database, disk or network,
-    lines beyond ten per minute are dropped and counted in the next minute's first line.
+    has the traceback, the next ones only name the cause. For outages of a database, disk or
+    network, lines beyond ten per minute are dropped and counted in the next minute's first line.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -127,8 +123,8 @@ def _innermost(frames: TracebackType | None) -> tuple[str, int]:
 def route_name(scope: Mapping[str, object]) -> str:
     """Return the name of the request's target in logs: its route's pattern, such as /v1/meals/{meal_id}.
 
-    Never the requested path: paths contain participants' codes and ids made by phones, and a path without a route may
-    contain anything.
+    Never the requested path: paths contain participants' codes and ids made by phones, and a path
+    without a route may contain anything.
     """
     return getattr(scope.get("route"), "path", NO_ROUTE)
 
@@ -136,7 +132,8 @@ def route_name(scope: Mapping[str, object]) -> str:
 def request_id_of(sent: str | None) -> str:
     """Return a request's id: the one sent by a phone or proxy if it is a UUID, with or without dashes; else a new one.
 
-    Only a UUID is accepted: the caller's value appears in the logs, and a UUID cannot contain a name or a token.
+    Only a UUID is accepted: the caller's value appears in the logs, and a UUID cannot contain a
+    name or a token.
     """
     if sent is not None and UUID_PATTERN.fullmatch(sent):
         return sent.replace("-", "").lower()

@@ -23,8 +23,9 @@ OTHERS = 0o077  # permissions of group and others
 def die_with_parent(parent_pid: int) -> None:
     """Ask the kernel for SIGKILL when the parent dies, and exit now if it is already dead.
 
-    Linux only; elsewhere a child notices the end of its standard input. The kernel watches the parent's thread that
-    started this process, so a parent must start children from a thread that outlives them.
+    Linux only; elsewhere a child notices the end of its standard input. The kernel watches the
+    parent's thread that started this process, so a parent must start children from a thread that
+    outlives them.
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
@@ -62,8 +63,8 @@ def at_stop_signal(call: Callable[[], object]) -> Iterator[None]:
 def collect_rarely() -> None:
     """Take all objects loaded by now as permanent, and search the newer ones less often.
 
-    What has no cycle, as rows have none, is freed at once anyway. Collecting the permanent ones repeatedly would delay
-    requests by 0.1 s.
+    What has no cycle, as rows have none, is freed at once anyway. Collecting the permanent ones
+    repeatedly would delay requests by 0.1 s.
     """
     gc.collect()
     gc.freeze()

@@ -1,8 +1,9 @@
 """Settings: typed, frozen, from TADA_* variables; read once by a composition root, never at import time.
 
-Secrets have no defaults; tokens and codes are drawn per user and stored as hashes. A setting may also be in a file of
-the folder TADA_SECRETS_DIR, named like its variable (or in lower case), so that secrets of Docker, Kubernetes and
-systemd need not be in the environment. A variable takes precedence over a file.
+Secrets have no defaults; tokens and codes are drawn per user and stored as hashes. A setting may
+also be in a file of the folder TADA_SECRETS_DIR, named like its variable (or in lower case), so
+that secrets of Docker, Kubernetes and systemd need not be in the environment. A variable takes
+precedence over a file.
 """
 
 import os
@@ -222,7 +223,10 @@ class Settings(BaseSettings):
         dotenv_settings: PydanticBaseSettingsSource,
         file_secret_settings: PydanticBaseSettingsSource,
     ) -> tuple[PydanticBaseSettingsSource, ...]:
-        """Order the sources: arguments, variables, files of TADA_SECRETS_DIR. Raises NotADirectoryError."""
+        """Order the sources: arguments, variables, files of TADA_SECRETS_DIR.
+
+        Raises NotADirectoryError.
+        """
         del dotenv_settings, file_secret_settings
         folder = os.environ.get("TADA_SECRETS_DIR")
         if not folder:
@@ -252,7 +256,8 @@ class Settings(BaseSettings):
     def resolved_erasure_url(self) -> str:
         """Return the URL of the ledger of erasures: the configured one, or a folder in the data folder.
 
-        With blobs in S3 it is beside them, where all machines see it and the loss of a machine does not affect it.
+        With blobs in S3 it is beside them, where all machines see it and the loss of a machine does
+        not affect it.
         """
         if self.erasure_url is None and self.resolved_blob_url.startswith("s3://"):
             return f"{self.resolved_blob_url.rstrip('/')}/.erasures"

@@ -1,7 +1,7 @@
 """All unit conversions: volumes, masses and energies; converting between quantities raises.
 
-A volume is never converted to a mass here: that needs a density (nutrition/mass.py). International units (IU) are not
-converted: their size depends on the vitamin and its form.
+A volume is never converted to a mass here: that needs a density (nutrition/mass.py). International
+units (IU) are not converted: their size depends on the vitamin and its form.
 """
 
 import math
@@ -31,8 +31,9 @@ class Unit(StrEnum):
     IU = "IU"
 
 
-# Size in the base unit of the quantity: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon is 231 cubic
-# inches = 16 cups = 128 fluid ounces = 256 tablespoons = 768 teaspoons (NIST Handbook 44, appendix C).
+# Size in the base unit of the quantity: ml, g, kcal. The inch is 25.4 mm by definition, a US gallon
+# is 231 cubic inches = 16 cups = 128 fluid ounces = 256 tablespoons = 768 teaspoons (NIST Handbook
+# 44, appendix C).
 _CUBIC_INCH_ML = 25.4**3 / 1000.0
 _SIZES: dict[Unit, tuple[Quantity, float]] = {
     Unit.MM3: ("volume", 1e-3),
@@ -82,7 +83,8 @@ def kj_from_kcal(energy_kcal: float) -> float:
 def density_from_portion(mass_g: float, measure: float, unit: Unit) -> float:
     """Return the density, g/ml, of a portion of `mass_g` grams that fills `measure` units of volume (half a cup ...).
 
-    Raises UnitMismatchError if the unit is not a volume, ValueError if mass or measure is not positive and finite.
+    Raises UnitMismatchError if the unit is not a volume, ValueError if mass or measure is not
+    positive and finite.
     """
     volume_ml = convert(measure, unit, Unit.ML)
     if not (0.0 < mass_g < math.inf and 0.0 < volume_ml < math.inf):

@@ -1,7 +1,8 @@
 """ASGI middleware for the dashboard: security headers on every response, and errors as HTML pages.
 
-A middleware also covers responses that no route made, such as static files and refusals before routing. A problem
-document becomes a page if the browser accepts HTML; without a session the browser is redirected to the sign-in page.
+A middleware also covers responses that no route made, such as static files and refusals before
+routing. A problem document becomes a page if the browser accepts HTML; without a session the
+browser is redirected to the sign-in page.
 """
 
 import http
@@ -27,7 +28,8 @@ HEADERS: Mapping[str, str] = {
     "Content-Security-Policy": CONTENT_SECURITY_POLICY,
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
-    "Referrer-Policy": "same-origin",  # with "no-referrer" forms would send Origin: null, and be refused
+    # with "no-referrer" forms would send Origin: null, and be refused
+    "Referrer-Policy": "same-origin",
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",

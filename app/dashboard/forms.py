@@ -162,7 +162,8 @@ def read_form(
 ) -> Model:
     """Validate a form's values; an empty field keeps its default.
 
-    wrong: fields whose text could not be parsed. Raises WrongFormError for those and for what the model refuses.
+    wrong: fields whose text could not be parsed. Raises WrongFormError for those and for what the
+    model refuses.
     """
     wrong = wrong or {}
     try:

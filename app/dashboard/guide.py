@@ -1,7 +1,8 @@
 """Public documentation: /docs, the OpenAPI document in Swagger UI, and /docs/guide, the pages of docs/.
 
-Pages are rendered from the Markdown that the wheel holds, or the checkout. Links between them stay; one to a
-file that is not in docs/ becomes plain text, since a server does not have it. Nothing is requested of other hosts.
+Pages are rendered from the Markdown that the wheel holds, or the checkout. Links between them stay;
+one to a file that is not in docs/ becomes plain text, since a server does not have it. Nothing is
+requested of other hosts.
 """
 
 import re
@@ -25,13 +26,8 @@ from app.dashboard.templates import render
 from app.http.ranges import PublicFiles
 
 PATH = "/docs/guide"
-FIRST = (
-    "research",
-    "operations",
-    "apps",
-    "capture",
-    "development",
-)  # what each kind of reader begins with
+# what each kind of reader begins with
+FIRST = ("research", "operations", "apps", "capture", "development")
 LONGEST_QUERY = 200
 MOST_HITS, SNIPPET = 30, 160
 LINK = re.compile(r"\[([^\]]*)\]\((?![a-z]+:)([^)#\s]*)(#[^)\s]*)?\)")
@@ -57,7 +53,11 @@ class Section:
 
 @dataclass(frozen=True, slots=True)
 class GuidePage:
-    """A page. name: its path in docs/ without .md. question: its first sentence. links: (page or file, anchor)."""
+    """A page.
+
+    name: its path in docs/ without .md. question: its first sentence. links: (page or file,
+    anchor).
+    """
 
     name: str
     title: str

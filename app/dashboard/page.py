@@ -28,7 +28,10 @@ NOTICE_SECONDS = 60
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """A page that a signed-in caller requests. study, role: of the study in the path, if there is one."""
+    """A page that a signed-in caller requests.
+
+    study, role: of the study in the path, if there is one.
+    """
 
     request: Request
     state: ApiState
@@ -57,7 +60,10 @@ class Page:
 
     @property
     def study_caller(self) -> StaffCaller:
-        """The caller with access to the page's study only, not to meals of others. Raises NotFoundError."""
+        """The caller with access to the page's study only, not to meals of others.
+
+        Raises NotFoundError.
+        """
         study = self.require_study()
         if self.role is None:
             raise NotFoundError("There is no such study.")
@@ -72,7 +78,10 @@ class Page:
         return self.study
 
     def may(self, needed: Role) -> bool:
-        """Whether to show a control that needs this role in the study. The server checks again when it is used."""
+        """Whether to show a control that needs this role in the study.
+
+        The server checks again when it is used.
+        """
         return reaches(self.role, needed)
 
     def render(
@@ -143,7 +152,10 @@ CurrentPage = Annotated[Page, Depends(current_page)]
 
 
 def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:
-    """Return rows of a schema as CSV. name: the file's, without its extension; unsafe characters become `-`."""
+    """Return rows of a schema as CSV.
+
+    name: the file's, without its extension; unsafe characters become `-`.
+    """
     records = [row.model_dump(mode="json", by_alias=True) for row in rows]
     safe_name = re.sub(r"[^A-Za-z0-9_.-]+", "-", name)
     return Response(

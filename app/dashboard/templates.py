@@ -2,7 +2,8 @@
 
 Autoescaping; undefined names raise. Scripts, styles and pictures are public: they hold no data.
 
-A number is shown rounded; `<data value="...">` holds it in full, so that it can be compared with API and exports.
+A number is shown rounded; `<data value="...">` holds it in full, so that it can be compared with
+API and exports.
 """
 
 import hashlib
@@ -33,7 +34,8 @@ FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
 MOST_DECIMALS = 6
 NOT_KNOWN = Markup('<span class="unknown" title="not known">–</span>')
-FOR_GOOD = "public, max-age=31536000, immutable"  # of an address that changes with its file (templates.static)
+# of an address that changes with its file (templates.static)
+FOR_GOOD = "public, max-age=31536000, immutable"
 ASK_FIRST = "no-cache"
 
 
@@ -147,8 +149,8 @@ def study_url(context: Context, *parts: object) -> str:
 def amount(value: float | None, unit: str = "", digits: int | None = None) -> Markup:
     """Format a number with its unit.
 
-    Floats below 100 get three significant figures, below 1 two, others none after the point; from a billion on they
-    are written as powers of ten, which leave the next column free.
+    Floats below 100 get three significant figures, below 1 two, others none after the point; from a
+    billion on they are written as powers of ten, which leave the next column free.
     """
     if value is None:
         return NOT_KNOWN
@@ -274,7 +276,10 @@ def _decimals(value: float) -> int:
 
 
 def _number(value: float, shown: str) -> Markup:
-    """Wrap a formatted number with its exact value. Not escaped, for speed: a page of days has thousands."""
+    """Wrap a formatted number with its exact value.
+
+    Not escaped, for speed: a page of days has thousands.
+    """
     exact = repr(value) if isinstance(value, int) else float.__repr__(value)
     return Markup(f'<data class="num" value="{exact}">{shown}</data>')  # noqa: S704  # digits, and units of ours
 
@@ -293,8 +298,8 @@ class DashboardFiles(PublicFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
         """Return a file with its Cache-Control header.
 
-        During an upgrade a page of one version may request files from a server of the other version. Such a file must
-        not be cached for good under the page's address.
+        During an upgrade a page of one version may request files from a server of the other
+        version. Such a file must not be cached for good under the page's address.
         """
         answer: Response = await super().get_response(path, scope)
         is_of_this_version = scope["query_string"].decode("latin-1") == urlsplit(static(path)).query

@@ -1,1 +1,4 @@
-"""The database: sessions, column types, migrations, bulk access. SQL of a domain is in its queries.py."""
+"""The database: sessions, column types, migrations, bulk access.
+
+SQL of a domain is in its queries.py.
+"""

@@ -49,8 +49,8 @@ JsonValue = sa.JSON(none_as_null=True).with_variant(
 class Personal:
     """How a table's rows belong to a participant, for erasures and a participant's own export (privacy/queries.py).
 
-    through: columns whose foreign keys lead to a meal or a participant. export_as: name in the export; None: not
-    exported. order_by: column.
+    through: columns whose foreign keys lead to a meal or a participant. export_as: name in the
+    export; None: not exported. order_by: column.
     """
 
     through: tuple[str, ...]
@@ -60,7 +60,10 @@ class Personal:
 
 @dataclass(frozen=True, slots=True)
 class BlobColumns:
-    """Columns that reference a blob. erased_at: column set when the blob is to be deleted; None: the row is deleted."""
+    """Columns that reference a blob.
+
+    erased_at: column set when the blob is to be deleted; None: the row is deleted.
+    """
 
     key: str = "blob_key"
     erased_at: str | None = None

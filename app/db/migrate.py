@@ -85,10 +85,13 @@ class SchemaUnknownError(ConflictError):
 
 
 def upgrade(database: Database, revision: str = "head", patience: Patience | None = None) -> None:
-    """Migrate up to `revision`. Does nothing if a newer program has already migrated beyond this one's head.
+    """Migrate up to `revision`.
 
-    Raises MigrationBusyError or MigrationBlockedError after `patience`, InvalidInputError for an unknown revision,
-    SchemaUnknownError if `revision` is given and the schema is a newer program's. Nothing is changed then.
+    Does nothing if a newer program has already migrated beyond this one's head.
+
+    Raises MigrationBusyError or MigrationBlockedError after `patience`, InvalidInputError for an
+    unknown revision, SchemaUnknownError if `revision` is given and the schema is a newer program's.
+    Nothing is changed then.
     """
     if revision == "head":
         state = schema_state(database)
@@ -102,7 +105,10 @@ def upgrade(database: Database, revision: str = "head", patience: Patience | Non
 
 
 def downgrade(database: Database, revision: str, patience: Patience | None = None) -> None:
-    """Migrate down to `revision`; data that the older schema has no room for are lost. Raises as `upgrade` does."""
+    """Migrate down to `revision`; data that the older schema has no room for are lost.
+
+    Raises as `upgrade` does.
+    """
     _migrate(database, command.downgrade, revision, patience or Patience())
 
 
@@ -186,8 +192,8 @@ def _limit(connection: sa.Connection, patience: Patience) -> None:
 def _check_client_connection(connection: sa.Connection, every_seconds: float) -> None:
     """Make PostgreSQL check during long statements whether this client is still connected.
 
-    Where its platform does not support this (Windows and, before 15, all but Linux) it refuses the setting: our locks
-    then last until the statement ends, as before 14.
+    Where its platform does not support this (Windows and, before 15, all but Linux) it refuses the
+    setting: our locks then last until the statement ends, as before 14.
     """
     try:
         with connection.begin_nested():
@@ -206,8 +212,8 @@ def _sqlite_migration_lock(
 ) -> Iterator[sa.Connection]:
     """Do the same on SQLite, where BEGIN IMMEDIATE is the lock."""
     with database.write_engine.connect() as connection:
-        # SQLite alters a table by recreating it, and dropping the old one would count as deleting its rows. The pragma
-        # can only be set outside a transaction.
+        # SQLite alters a table by recreating it, and dropping the old one would count as deleting
+        # its rows. The pragma can only be set outside a transaction.
         _set_pragma(connection, "foreign_keys = OFF")
         _set_pragma(connection, f"busy_timeout = {int(patience.turn_seconds * 1000)}")
         try:

@@ -1,7 +1,8 @@
 """Compare the database's schema with the one that this code was written for: `schema_state`, `current_revision`.
 
-Separate from migrate.py, since servers call this at each readiness probe and need not load Alembic (10 MB) for it.
-The migrations are in migrations/ of the checkout, and in the wheel as app/_migrations.
+Separate from migrate.py, since servers call this at each readiness probe and need not load Alembic
+(10 MB) for it. The migrations are in migrations/ of the checkout, and in the wheel as
+app/_migrations.
 """
 
 import enum

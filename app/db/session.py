@@ -1,9 +1,10 @@
 """Engines and transactions, on SQLite and PostgreSQL alike: `database.write()` and `database.read()`.
 
-Only use cases open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN IMMEDIATE, kept
-short), readers on connections that cannot write. PostgreSQL: READ COMMITTED writes, read-only reads. A read is a
-snapshot over all its queries: otherwise a page of changes could miss one for good. Errors do not quote the values of
-statements, since errors are logged and the values are personal.
+Only use cases open transactions. SQLite: write-ahead log, full sync, one writer at a time (BEGIN
+IMMEDIATE, kept short), readers on connections that cannot write. PostgreSQL: READ COMMITTED writes,
+read-only reads. A read is a snapshot over all its queries: otherwise a page of changes could miss
+one for good. Errors do not quote the values of statements, since errors are logged and the values
+are personal.
 """
 
 import sqlite3
@@ -35,9 +36,10 @@ TCP_LIVENESS = {
     "keepalives_count": 3,
     "tcp_user_timeout": 60_000,
 }
-# PostgreSQL: plan each query for its values (a generic plan reads a whole study for one day), and do not compile
-# statements, which takes longer than executing them. Join more than four tables in the order written: for a page of
-# records PostgreSQL would compare all orders for 8 ms, then read the page in 3 ms.
+# PostgreSQL: plan each query for its values (a generic plan reads a whole study for one day), and
+# do not compile statements, which takes longer than executing them. Join more than four tables in
+# the order written: for a page of records PostgreSQL would compare all orders for 8 ms, then read
+# the page in 3 ms.
 PG_SESSION = (
     "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off -c join_collapse_limit=4"
 )
@@ -86,7 +88,10 @@ def open_database(settings: Settings) -> "Database":
 
 
 class Database:
-    """The engines of one process. Create it in a composition root, pass it on, dispose of it at the end."""
+    """The engines of one process.
+
+    Create it in a composition root, pass it on, dispose of it at the end.
+    """
 
     def __init__(self, url: str, limits: PoolLimits | None = None) -> None:
         limits = limits or PoolLimits()
@@ -135,8 +140,9 @@ class Database:
     def _write_lock(self) -> Iterator[None]:
         """On SQLite, serialise the writing threads of this process, so that each starts as soon as the last one ends.
 
-        SQLite's own wait polls at intervals of up to 0.1 s: eight simultaneous uploads spent nine tenths of their time
-        in it. If the lock is not acquired in time, continue without it: SQLite then raises "database is locked".
+        SQLite's own wait polls at intervals of up to 0.1 s: eight simultaneous uploads spent nine
+        tenths of their time in it. If the lock is not acquired in time, continue without it: SQLite
+        then raises "database is locked".
         """
         is_locked = self.is_sqlite and self._writing.acquire(timeout=BUSY_TIMEOUT_SECONDS)
         try:

@@ -1,8 +1,9 @@
 """SQL of spent keys: order the deletion of an orphan blob and a transaction that names its key.
 
-Both lock the key until they commit: a naming transaction shared, a deleting one exclusively, so one comes entirely
-before the other. If naming comes first, the deleter sees the row and keeps the blob. If deletion comes first, the other
-sees that the key is spent. SQLite needs no locks, since it has one writer at a time.
+Both lock the key until they commit: a naming transaction shared, a deleting one exclusively, so one
+comes entirely before the other. If naming comes first, the deleter sees the row and keeps the blob.
+If deletion comes first, the other sees that the key is spent. SQLite needs no locks, since it has
+one writer at a time.
 """
 
 import hashlib
@@ -18,8 +19,8 @@ from app.db.base import Base
 class SpentKey(Base):
     """The key of a blob that is or will be deleted as an orphan: no row may name it any more.
 
-    Committed before the deletion and never removed, since the deleting process may be suspended for days in between.
-    digest: SHA-256 of the key, which reveals nothing about an erased meal.
+    Committed before the deletion and never removed, since the deleting process may be suspended for
+    days in between. digest: SHA-256 of the key, which reveals nothing about an erased meal.
     """
 
     __tablename__ = "spent_key"
@@ -70,5 +71,8 @@ def _digest(key: str) -> str:
 
 
 def _number(key: str) -> int:
-    """Return the number of its lock: 64 bits of its digest, signed. A collision only makes two keys share a lock."""
+    """Return the number of its lock: 64 bits of its digest, signed.
+
+    A collision only makes two keys share a lock.
+    """
     return int.from_bytes(hashlib.sha256(key.encode()).digest()[:8], signed=True)

@@ -27,7 +27,8 @@ class Figure:
 def component_numbers(session: Session, values: Mapping[str, T]) -> dict[str, T]:
     """Return the mapping with its keys, numbers or tagnames, replaced by numbers.
 
-    Raises InvalidInputError: `component_unknown`, naming it; `component_repeated` where two names mean the same.
+    Raises InvalidInputError: `component_unknown`, naming it; `component_repeated` where two names
+    mean the same.
     """
     components = foods.components_by_number(session)
     by_number: dict[str, T] = {}

@@ -41,11 +41,11 @@ class Weighing:
 class FoodAmounts:
     """Grams and nutrients of one helping of a food.
 
-    weighing: converts its volume to grams; has no density if a person entered the grams. per_100_g: component number ->
-    content of 100 g edible portion. mass: as served; None if the volume or the density is not known, and then the
-    fields below are empty too. left: leftovers; None: not assessed. share: the person's share of a shared dish.
-    consumed_g: edible grams eaten, signed; None if the leftovers' mass is not known. nutrients: component number ->
-    amount eaten.
+    weighing: converts its volume to grams; has no density if a person entered the grams. per_100_g:
+    component number -> content of 100 g edible portion. mass: as served; None if the volume or the
+    density is not known, and then the fields below are empty too. left: leftovers; None: not
+    assessed. share: the person's share of a shared dish. consumed_g: edible grams eaten, signed;
+    None if the leftovers' mass is not known. nutrients: component number -> amount eaten.
     """
 
     food_key: str
@@ -118,8 +118,9 @@ def food_amounts(
 ) -> FoodAmounts:
     """Return grams and nutrients of a helping.
 
-    per_100_g: component number -> content. mass: as served. left: mass of each leftover piece; an entry of None (mass
-    not known) makes the amount eaten unknown too. left=None: leftovers were not assessed, and all counts as eaten.
+    per_100_g: component number -> content. mass: as served. left: mass of each leftover piece; an
+    entry of None (mass not known) makes the amount eaten unknown too. left=None: leftovers were not
+    assessed, and all counts as eaten.
     """
     measured = tuple(piece for piece in left or () if piece is not None)
     is_left_known = left is None or len(measured) == len(left)
@@ -141,7 +142,10 @@ def food_amounts(
 def mass_of(
     weighing: Weighing, volume_ml: float | None, relative_sd: Mapping[str, float]
 ) -> Mass | None:
-    """Return the mass of a volume; None if it or the density is not known. relative_sd: the volume's doubt by part."""
+    """Return the mass of a volume; None if it or the density is not known.
+
+    relative_sd: the volume's doubt by part.
+    """
     if volume_ml is None or weighing.density is None:
         return None
     doubt = Doubt(pair=relative_sd.get("pair", 0.0), item=relative_sd.get("item", 0.0))

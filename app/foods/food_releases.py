@@ -31,7 +31,10 @@ def read_food_release(
     version: str | None = None,
     released_on: date | None = None,
 ) -> ImportedTable:
-    """Return the whole table, validated. Raises InvalidInputError (ImportFileError for the content of the files)."""
+    """Return the whole table, validated.
+
+    Raises InvalidInputError (ImportFileError for the content of the files).
+    """
     if source == CSV:
         if name is None or version is None or released_on is None:
             raise InvalidInputError(
@@ -70,7 +73,10 @@ def list_releases(database: Database) -> list[ListedRelease]:
 
 
 def use_release(database: Database, name: str, version: str | None, author: str) -> None:
-    """Put the newest import of this version in force, or none of this name. Raises NotFoundError."""
+    """Put the newest import of this version in force, or none of this name.
+
+    Raises NotFoundError.
+    """
     with database.write() as session:
         same_name = [release for release in foods.all_releases(session) if release.name == name]
         chosen = [

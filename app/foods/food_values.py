@@ -14,14 +14,12 @@ from app.nutrition.foods import Food as FoodValue
 from app.nutrition.portions import Portion
 from app.nutrition.search import label_key
 
-_BASES_OF_OTHERS = (
-    "measured",
-    "fao",
-    "portion",
-)  # a relative or a group's median is each table's own judgement
+# a relative or a group's median is each table's own judgement
+_BASES_OF_OTHERS = ("measured", "fao", "portion")
 
-# The starter table was compiled from SR28 and the FAO table: each of their densities for its foods was reviewed, and
-# adopted, dropped or replaced by a better one. FoodData Central repeats SR28's measures.
+# The starter table was compiled from SR28 and the FAO table: each of their densities for its foods
+# was reviewed, and adopted, dropped or replaced by a better one. FoodData Central repeats SR28's
+# measures.
 _REVIEWED_SOURCES = frozenset({"fdc", "sr28", "fao-density"})
 _REVIEWING_SOURCES = frozenset({"local", "starter"})
 
@@ -34,10 +32,11 @@ def food_value(session: Session, row: Food) -> FoodValue:
 def pooled_densities(session: Session, rows: Sequence[Food]) -> dict[int, tuple[Density, ...]]:
     """Return food id -> densities: the food's own first, then those of the same food in other tables.
 
-    Two rows are the same food if they share a source's code. A row of a table that has only densities matches by name
-    (ignoring word order and plurals) if both state the same state: raw and cooked are never interchangeable.
-    A correction replaces the food with the same key. Where the starter table has a density of a kind, it replaces
-    those of its source tables of that kind, so that a food weighs the same whichever key it is recorded by.
+    Two rows are the same food if they share a source's code. A row of a table that has only
+    densities matches by name (ignoring word order and plurals) if both state the same state: raw
+    and cooked are never interchangeable. A correction replaces the food with the same key. Where
+    the starter table has a density of a kind, it replaces those of its source tables of that kind,
+    so that a food weighs the same whichever key it is recorded by.
     """
     by_code = foods.same_foods(session, [row.id for row in rows])
     labels = {row.id: _labels(row) for row in rows if row.state is not None}

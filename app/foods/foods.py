@@ -23,8 +23,8 @@ from app.nutrition.mass import edible_share
 class FoodView:
     """A food with its nutrients per 100 g edible and the release it is of.
 
-    density is chosen from value.densities, with its alternatives; None if none is known. own_densities: the food's own.
-    recipe: None for a food that was not made from one.
+    density is chosen from value.densities, with its alternatives; None if none is known.
+    own_densities: the food's own. recipe: None for a food that was not made from one.
     """
 
     food: Food
@@ -38,7 +38,9 @@ class FoodView:
 
 
 def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -> FoodView:
-    """Return one food in force, by its key or its number in a published table. Raises NotFoundError.
+    """Return one food in force, by its key or its number in a published table.
+
+    Raises NotFoundError.
 
     study_id: the study whose own density measurements count.
     """
@@ -47,7 +49,10 @@ def read_food(database: Database, key: str, study_id: uuid.UUID | None = None) -
 
 
 def require_food(session: Session, key: str) -> Food:
-    """Return the food in force with this key, or with this number in a published table. Raises NotFoundError."""
+    """Return the food in force with this key, or with this number in a published table.
+
+    Raises NotFoundError.
+    """
     food = foods.foods_by_key(session, [key]).get(key)
     if food is not None:
         return food

@@ -1,8 +1,8 @@
 """Import a published food table: write it inactive in short batches, then put it in force by one row.
 
-Uploads and workers continue meanwhile: a batch locks the database for a tenth of a second, and pauses before the next
-one. Importing the same files again resumes an interrupted import; a release that was never in force is not visible.
-Importing files that are in force already changes nothing.
+Uploads and workers continue meanwhile: a batch locks the database for a tenth of a second, and
+pauses before the next one. Importing the same files again resumes an interrupted import; a release
+that was never in force is not visible. Importing files that are in force already changes nothing.
 """
 
 import time
@@ -37,16 +37,19 @@ from app.nutrition.foods import load_starter_table, starter_checksum
 from app.nutrition.search import label_key
 
 BATCH_FOODS = 50
-# SQLite has one writer at a time: a pause of this share of a batch's duration leaves other writers a third of the time.
+# SQLite has one writer at a time: a pause of this share of a batch's duration leaves other writers
+# a third of the time.
 PAUSE_SHARE = 0.5
-ABANDONED_AFTER = timedelta(
-    seconds=60
-)  # an importer without a batch for this long counts as dead; another may resume
+# an importer without a batch for this long counts as dead; another may resume
+ABANDONED_AFTER = timedelta(seconds=60)
 
 
 @dataclass(frozen=True, slots=True)
 class ImportReport:
-    """Result of an import. was_there: the same files had been imported before, and nothing was written."""
+    """Result of an import.
+
+    was_there: the same files had been imported before, and nothing was written.
+    """
 
     foods: int
     values: int
@@ -178,7 +181,10 @@ def _running() -> ConflictError:
 
 
 def _claim(session: Session, release_id: int, importer_id: uuid.UUID) -> None:
-    """Record that the import is alive. Raises ConflictError if another importer has taken it over."""
+    """Record that the import is alive.
+
+    Raises ConflictError if another importer has taken it over.
+    """
     claimed = session.execute(
         sa.update(FoodRelease)
         .where(FoodRelease.id == release_id, FoodRelease.importer_id == importer_id)

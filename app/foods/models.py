@@ -1,7 +1,8 @@
 """The food table: releases, foods, nutrients per 100 g edible portion, densities, portions, recipes, and their changes.
 
-Rows of a release never change. A correction is a new version of a food in the release "local", which takes precedence
-over all imported ones. The newest FoodActivation of a table's name decides which of its releases is in force.
+Rows of a release never change. A correction is a new version of a food in the release "local",
+which takes precedence over all imported ones. The newest FoodActivation of a table's name decides
+which of its releases is in force.
 """
 
 import uuid
@@ -27,8 +28,9 @@ from app.nutrition.foods import (
 class FoodRelease(Base):
     """One import of one published food table, or the table of local corrections.
 
-    source: the format it was read from. checksum: of the files that were read. An unfinished or interrupted import has
-    no completed_at and is never in force; written_at is the time of its last batch, written by importer_id.
+    source: the format it was read from. checksum: of the files that were read. An unfinished or
+    interrupted import has no completed_at and is never in force; written_at is the time of its last
+    batch, written by importer_id.
     """
 
     __tablename__ = "food_release"
@@ -57,9 +59,8 @@ class FoodActivation(Base):
 
     id: Mapped[int] = mapped_column(primary_key=True)
     name: Mapped[str] = mapped_column(sa.String(100))
-    release_id: Mapped[int | None] = mapped_column(
-        sa.ForeignKey("food_release.id")
-    )  # NULL: none of this name
+    # NULL: none of this name
+    release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))
     author: Mapped[str] = mapped_column(sa.String(200))
     activated_at: Mapped[datetime]
 
@@ -99,7 +100,10 @@ class Food(Base):
 
 
 class Component(Base):
-    """A nutrient. number: its source's number (nutrition/components.py); tagname: INFOODS, if it has one."""
+    """A nutrient.
+
+    number: its source's number (nutrition/components.py); tagname: INFOODS, if it has one.
+    """
 
     __tablename__ = "component"
 
@@ -112,7 +116,10 @@ class Component(Base):
 
 
 class FoodNutrient(Base):
-    """Content of a component in 100 g of a food's edible portion. No row means not known, which is not zero."""
+    """Content of a component in 100 g of a food's edible portion.
+
+    No row means not known, which is not zero.
+    """
 
     __tablename__ = "food_nutrient"
 
@@ -183,7 +190,9 @@ class FoodChange(Base):
 
 
 class StudyDensity(Base):
-    """A study's own measurement of a food's density, which takes precedence in that study. Withdrawn, never deleted.
+    """A study's own measurement of a food's density, which takes precedence in that study.
+
+    Withdrawn, never deleted.
 
     specimens: [volume_ml, mass_g] of each specimen; NULL if the density was entered directly.
     """

@@ -1,7 +1,7 @@
 """SQL of the food table: the releases in force, foods by key or code, their nutrients, densities and portions.
 
-Several releases may have the same key. Precedence: local corrections, national tables, the starter table, FoodData
-Central, SR28, and last the tables that have only densities.
+Several releases may have the same key. Precedence: local corrections, national tables, the starter
+table, FoodData Central, SR28, and last the tables that have only densities.
 """
 
 import uuid
@@ -29,17 +29,17 @@ F = TypeVar("F", int, int | None)
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
-SAME_FOOD_SYSTEMS = (
-    "sr28_ndb",
-    "fdc_id",
-    "fndds",
-)  # one code, one food; a FoodEx2 code is a class of foods
+# one code, one food; a FoodEx2 code is a class of foods
+SAME_FOOD_SYSTEMS = ("sr28_ndb", "fdc_id", "fndds")
 _PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
 
 
 @dataclass(frozen=True, slots=True)
 class NutrientRow:
-    """One component of a food. per_100_g: content of 100 g edible portion, in the component's unit."""
+    """One component of a food.
+
+    per_100_g: content of 100 g edible portion, in the component's unit.
+    """
 
     component: Component
     per_100_g: float

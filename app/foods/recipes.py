@@ -71,8 +71,8 @@ class IngredientView:
 class RecipeView:
     """A recipe for readers.
 
-    unknown: components that some of the ingredients lack, so that the dish has no figure, each with the share (0 to 1)
-    of the ingredients' mass for which it is known.
+    unknown: components that some of the ingredients lack, so that the dish has no figure, each with
+    the share (0 to 1) of the ingredients' mass for which it is known.
     """
 
     recipe_yield: float
@@ -83,7 +83,8 @@ class RecipeView:
 def cook(session: Session, key: str, recipe: NamedRecipe) -> tuple[PinnedRecipe, Dish]:
     """Return the recipe pinned to the foods in force now, and the figures of the dish of this key.
 
-    Raises InvalidInputError: `ingredient_unknown`, `recipe_cycle`, `component_unknown`, and what prepare_dish raises.
+    Raises InvalidInputError: `ingredient_unknown`, `recipe_cycle`, `component_unknown`, and what
+    prepare_dish raises.
     """
     rows = _require_foods(session, [ingredient.food for ingredient in recipe.ingredients])
     cycle = cycle_through(

@@ -21,7 +21,10 @@ from app.people.studies import load_study
 def density_of_specimens(
     specimens: Sequence[Specimen], volume_step_ml: float
 ) -> tuple[float, float]:
-    """Return (median, spread) of the specimens, g/ml. Raises InvalidInputError if they are too few or impossible."""
+    """Return (median, spread) of the specimens, g/ml.
+
+    Raises InvalidInputError if they are too few or impossible.
+    """
     for number, specimen in enumerate(specimens, start=1):
         if specimen.g_per_ml > MAX_G_PER_ML:
             raise InvalidInputError(
@@ -48,7 +51,10 @@ DENSITY_COLUMNS = ("g_per_ml", "sd_g_per_ml", "state", "kind", "weighs", "source
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """A density that a study measured. density.source: the method. specimens: the measurements it was computed from."""
+    """A density that a study measured.
+
+    density.source: the method. specimens: the measurements it was computed from.
+    """
 
     food: str
     density: Density
@@ -91,7 +97,10 @@ def add_study_density(
 def list_study_densities(
     database: Database, study_code: str, food: str | None = None
 ) -> list[StudyDensity]:
-    """Return a study's measurements, withdrawn ones too, the newest entry first. Raises NotFoundError."""
+    """Return a study's measurements, withdrawn ones too, the newest entry first.
+
+    Raises NotFoundError.
+    """
     with database.read() as session:
         study = load_study(session, study_code)
         return food_changes.all_study_densities(session, study.id, food)

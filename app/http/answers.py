@@ -1,13 +1,14 @@
 """What holds for every request and every answer, whatever the route.
 
-Requests: calls are counted by address; no body is larger than its route needs, or comes too slowly; none is packed,
-and no address holds a NUL. Uploads count their own bytes (upload.py). PostgreSQL can neither store nor compare a NUL. A
-packed body (Content-Encoding) is refused: a kilobyte may unpack to a gigabyte, and photographs hardly shrink. So is a
-part of one (Content-Range), which would be kept as if it were the whole (RFC 9110, section 14.5). HEAD is GET; the
-server leaves its body out.
+Requests: calls are counted by address; no body is larger than its route needs, or comes too slowly;
+none is packed, and no address holds a NUL. Uploads count their own bytes (upload.py). PostgreSQL
+can neither store nor compare a NUL. A packed body (Content-Encoding) is refused: a kilobyte may
+unpack to a gigabyte, and photographs hardly shrink. So is a part of one (Content-Range), which
+would be kept as if it were the whole (RFC 9110, section 14.5). HEAD is GET; the server leaves its
+body out.
 
-Answers: nothing that a browser guesses at or keeps (amounts of food are health data, tokens are secrets), what the
-caller has left of their limit, and in a 405 all methods that the address takes.
+Answers: nothing that a browser guesses at or keeps (amounts of food are health data, tokens are
+secrets), what the caller has left of their limit, and in a 405 all methods that the address takes.
 """
 
 import asyncio
@@ -37,19 +38,14 @@ PREFIX = "/v1/"
 NOT_KEPT = "private, no-store"
 UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$")
 LIMIT_BYTES = 256 * 1024
-WITH_BODY = frozenset(
-    {"POST", "PUT", "PATCH"}
-)  # in others these headers describe nothing (RFC 9110, section 9.3)
+# in others these headers describe nothing (RFC 9110, section 9.3)
+WITH_BODY = frozenset({"POST", "PUT", "PATCH"})
 NOT_ALLOWED = 405
-MIN_PROGRESS_BYTES = (
-    16 * 1024
-)  # in `stall_seconds`: 270 bytes/s, less than any network that carries photographs
+# in `stall_seconds`: 270 bytes/s, less than any network that carries photographs
+MIN_PROGRESS_BYTES = 16 * 1024
 STOP_RETRY_SECONDS = 5
-OF_ROUTING = (
-    "route",
-    "endpoint",
-    "path_params",
-)  # what logs and limits read of a request once it is routed
+# what logs and limits read of a request once it is routed
+OF_ROUTING = ("route", "endpoint", "path_params")
 
 
 class AroundPath:
@@ -119,9 +115,8 @@ class _Exchange:
         # the caller asks whether the body is wanted, and nobody has received any of it
         self._is_expecting = any(name == b"expect" for name, _ in scope["headers"])
         self._stall_seconds = _state_of(scope).settings.stall_seconds
-        self._patience_seconds = (
-            self._stall_seconds
-        )  # time that the app does not ask in does not count
+        # time that the app does not ask in does not count
+        self._patience_seconds = self._stall_seconds
         self._progress_bytes = 0
         self._is_whole = False
 

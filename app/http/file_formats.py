@@ -17,12 +17,10 @@ JSON = "application/json"
 class FileFormat:
     """A format of exported tables.
 
-    title: its name on pages
-    hint: what a form says of it beside its name; empty: nothing
-    media_type: with its parameters
-    cells: how a value is written: as text that no spreadsheet computes, as in the API's JSON, or in its own type
-    copy_options: of DuckDB's COPY
-    is_places: whether a row is a GeoJSON feature at the place of its meal
+    title: its name on pages hint: what a form says of it beside its name; empty: nothing
+    media_type: with its parameters cells: how a value is written: as text that no spreadsheet
+    computes, as in the API's JSON, or in its own type copy_options: of DuckDB's COPY is_places:
+    whether a row is a GeoJSON feature at the place of its meal
     """
 
     title: str

@@ -57,7 +57,10 @@ def safe_cell(value: object) -> object:
 
 
 def flat_paths(model: type[BaseModel], rows: Iterable[Mapping[str, JsonValue]] = ()) -> list[Path]:
-    """Where each column's value is in a row, from left to right. rows: all of them, where the model has free names."""
+    """Where each column's value is in a row, from left to right.
+
+    rows: all of them, where the model has free names.
+    """
     return list(_paths(model, (), list(rows)))
 
 
@@ -214,7 +217,10 @@ def row_of(endpoint: Endpoint) -> type[BaseModel] | None:
 def _all_rows(
     endpoint: Endpoint, arguments: dict[str, object], limit: int | None
 ) -> list[dict[str, JsonValue]]:
-    """Of all pages, as JSON has them. Raises InvalidInputError (`list_too_long`), and what the endpoint raises."""
+    """Of all pages, as JSON has them.
+
+    Raises InvalidInputError (`list_too_long`), and what the endpoint raises.
+    """
     rows: list[dict[str, JsonValue]] = []
     paging: dict[str, object] = {} if limit is None else {"limit": limit}
     if "cursor" in arguments:

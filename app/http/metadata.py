@@ -31,8 +31,8 @@ async def read_limited(request: Request, limit_bytes: int) -> bytes:
 def validated_with_unknown(model: type[Model], body: bytes) -> tuple[Model, dict[str, Any]]:
     """A metadata part as its model, and what the model has no field for, by its place.
 
-    So that a newer app is heard by an older server. Raises what `validated` does; `metadata_field_unknown` where there
-    are more than MAX_UNKNOWN of them.
+    So that a newer app is heard by an older server. Raises what `validated` does;
+    `metadata_field_unknown` where there are more than MAX_UNKNOWN of them.
     """
     try:
         return model.model_validate_json(body), {}
@@ -51,7 +51,10 @@ def validated_with_unknown(model: type[Model], body: bytes) -> tuple[Model, dict
 
 
 def validated(model: type[Model], body: bytes) -> Model:
-    """A metadata part as its model. Raises MalformedRequestError, InvalidInputError with the places."""
+    """A metadata part as its model.
+
+    Raises MalformedRequestError, InvalidInputError with the places.
+    """
     try:
         return model.model_validate_json(body)
     except ValidationError as error:

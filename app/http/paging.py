@@ -45,7 +45,10 @@ class Page(Generic[Row]):
 
 @dataclass(frozen=True, slots=True)
 class Part(Generic[Value]):
-    """A part of a row's key: how it is read. A cursor is not signed, so what could not have been written is refused."""
+    """A part of a row's key: how it is read.
+
+    A cursor is not signed, so what could not have been written is refused.
+    """
 
     read: Callable[[str], Value]
 
@@ -112,7 +115,10 @@ def decode_cursor(listed: str, cursor: str | None, /, *parts: Part[Any]) -> Any:
 def page_of(
     listed: str, rows: Sequence[Row], limit: int, key: Callable[[Row], object]
 ) -> Page[Row]:
-    """A page out of rows of which one more than the limit was asked for. key: of a row; several parts as a tuple."""
+    """A page out of rows of which one more than the limit was asked for.
+
+    key: of a row; several parts as a tuple.
+    """
     if len(rows) <= limit:
         return Page(list(rows), None)
     last = key(rows[limit - 1])

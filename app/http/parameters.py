@@ -69,7 +69,8 @@ _ETAGS = re.compile(f"(?:{_ETAG.pattern.replace('?P<strong>', '?:')})+")
 def expected_versions(if_match: str | None) -> frozenset[int] | None:
     """The versions that `If-Match` names; None for *. A tag that no version has names none.
 
-    Raises PreconditionRequiredError without the header, MalformedRequestError for what is no list of tags.
+    Raises PreconditionRequiredError without the header, MalformedRequestError for what is no list
+    of tags.
     """
     if if_match is None:
         raise PreconditionRequiredError(

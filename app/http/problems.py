@@ -166,9 +166,10 @@ async def _on_database_error(_: Request, error: Exception) -> Response:
 
 
 async def _on_data_error(request: Request, error: Exception) -> Response:
+    # its text quotes values
     log.warning(
         "value_refused_by_database", route=route_name(request.scope), error=type(error).__name__
-    )  # its text quotes values
+    )
     return render_problem(
         InvalidInputError("The request holds a value that the database cannot keep.")
     )

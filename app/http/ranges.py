@@ -84,8 +84,8 @@ class Piece:
 def requested_range(request: Request, length: int, etag: str) -> Piece | None:
     """The part that is asked for; None: the whole file.
 
-    Several ranges, other units and what is no range at all are answered by the whole, as RFC 9110 allows; so is a
-    range of another file than this (If-Range). Raises RangeNotSatisfiableError.
+    Several ranges, other units and what is no range at all are answered by the whole, as RFC 9110
+    allows; so is a range of another file than this (If-Range). Raises RangeNotSatisfiableError.
     """
     match = RANGE.fullmatch(request.headers.get("range", "").replace(" ", ""))
     if match is None or request.headers.get("if-range", etag) != etag:
@@ -109,7 +109,10 @@ def requested_range(request: Request, length: int, etag: str) -> Piece | None:
 def answer_part(
     request: Request, content: bytes, media_type: str, headers: Mapping[str, str]
 ) -> Response:
-    """Return the content, or the part of it that is asked for. headers: with ETag. Raises RangeNotSatisfiableError."""
+    """Return the content, or the part of it that is asked for.
+
+    headers: with ETag. Raises RangeNotSatisfiableError.
+    """
     headers = {**headers, "Accept-Ranges": "bytes"}
     piece = requested_range(request, len(content), headers["ETag"])
     if piece is None:
@@ -120,7 +123,10 @@ def answer_part(
 
 
 def answer_stored_file(request: Request, blobs: BlobStore, file: StoredFile) -> Response:
-    """The file, or what is asked of it. Raises RangeNotSatisfiableError, BlobMissingError, OSError."""
+    """The file, or what is asked of it.
+
+    Raises RangeNotSatisfiableError, BlobMissingError, OSError.
+    """
     etag = f'"{file.sha256}"'
     media_type = MEDIA_TYPES[file.name.rpartition(".")[2]]
     headers = {

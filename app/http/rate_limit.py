@@ -1,9 +1,9 @@
 """How many calls an address and a caller may make of one process: uploads, exports and all others counted apart.
 
-An address is counted before anything is looked up, a caller (a phone, a person of the staff) once their token is known
-(people/access/access_rules.py). What an address may do is enough for a clinic with hundreds of phones behind one
-address; what one phone may do is enough for one that was offline for weeks. A refused call has lost nothing: it was not
-read.
+An address is counted before anything is looked up, a caller (a phone, a person of the staff) once
+their token is known (people/access/access_rules.py). What an address may do is enough for a clinic
+with hundreds of phones behind one address; what one phone may do is enough for one that was offline
+for weeks. A refused call has lost nothing: it was not read.
 """
 
 import ipaddress
@@ -36,9 +36,8 @@ UPLOAD_PATHS = re.compile(
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")
 EXPORT_TYPES = tuple(form.content_type.encode() for form in FORMATS.values())  # in Accept
-UNCOUNTED_PATHS = frozenset(
-    {"/healthz", "/readyz", "/metrics"}
-)  # asked by machines of the people who run the server
+# asked by machines of the people who run the server
+UNCOUNTED_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
 AT_ONCE_RETRY_SECONDS = 2
 MAX_KEYS = 100_000  # of one limit, so that a flood of addresses cannot fill the memory: 20 MB
 
@@ -180,7 +179,8 @@ def _wants_file(scope: Scope) -> bool:
 def caller_address(request: HTTPConnection) -> str:
     """Whom a limit by address counts: an IPv4 address, or an IPv6 home network.
 
-    Behind proxies it is the address that a trusted one forwards (app/cli/serving.py), never what the caller claims.
+    Behind proxies it is the address that a trusted one forwards (app/cli/serving.py), never what
+    the caller claims.
     """
     return home_of(request.client.host) if request.client else "unknown"
 
@@ -188,9 +188,8 @@ def caller_address(request: HTTPConnection) -> str:
 def home_of(host: str) -> str:
     """An IPv4 address as it is, an IPv6 address as its home network; anything else as it is."""
     try:
-        address = ipaddress.ip_address(
-            host.partition("%")[0]
-        )  # without the zone of a link-local address
+        # without the zone of a link-local address
+        address = ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
         return host[:100]
     if isinstance(address, ipaddress.IPv4Address):

@@ -1,7 +1,7 @@
 """One log line a request, with an id that the answer carries too (`X-Request-Id`), and its figures for /metrics.
 
-No path, query, token or body is logged: the route's pattern, ids of ours and codes. It is also where a mistake of ours
-ends: logged whole, told as a problem document without any of it.
+No path, query, token or body is logged: the route's pattern, ids of ours and codes. It is also
+where a mistake of ours ends: logged whole, told as a problem document without any of it.
 """
 
 import time
@@ -19,7 +19,8 @@ from app.metrics import instruments
 log = structlog.get_logger()
 
 QUIET_PATHS = frozenset({"/healthz", "/readyz", "/metrics"})
-# what brings a meal or a photograph of one; each refusal of these is a meal that is still on a phone only
+# what brings a meal or a photograph of one; each refusal of these is a meal that is still on a
+# phone only
 UPLOAD_ROUTES = frozenset(
     {
         ("POST", "/v1/meals"),

@@ -11,10 +11,11 @@ from typing import Literal
 class RowFilter:
     """Which records (items), meals or days. None, or an empty tuple, leaves a filter out.
 
-    first_day, last_day: local days, both included. statuses: of the item or the meal, by what a row is. Of a filter
-    with several values any will do. food_keys, flags: of a record that holds (not rejected). needs: "review", the meal
-    has a record that needs a look (records/page_queries.py), as the review queue has it; "answer", a question to the
-    participant is open. participant_id, study_ids: what the caller may see.
+    first_day, last_day: local days, both included. statuses: of the item or the meal, by what a row
+    is. Of a filter with several values any will do. food_keys, flags: of a record that holds (not
+    rejected). needs: "review", the meal has a record that needs a look (records/page_queries.py),
+    as the review queue has it; "answer", a question to the participant is open. participant_id,
+    study_ids: what the caller may see.
     """
 
     study_code: str | None = None

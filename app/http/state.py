@@ -9,7 +9,8 @@ from app.core.settings import Settings
 from app.db.session import Database
 from app.storage.blob_store import BlobStore
 
-CUT = "cut_connection"  # in a request's state, by app/cli/serving.py: a function that resets the connection
+# in a request's state, by app/cli/serving.py: a function that resets the connection
+CUT = "cut_connection"
 
 Part = TypeVar("Part")
 
@@ -17,7 +18,8 @@ Part = TypeVar("Part")
 class ApiState:
     """Settings, database and blob store of a process, and its other parts by their type.
 
-    A domain asks for a part by its class (`state.part(Eraser)`), so that this module need not import any domain.
+    A domain asks for a part by its class (`state.part(Eraser)`), so that this module need not
+    import any domain.
     """
 
     def __init__(

@@ -17,7 +17,8 @@ WRITTEN_DAY, WRITTEN_INSTANT = (
     re.compile(r"\d{4}-\d{2}-\d{2}[Tt ]"),
 )
 Word = TypeVar("Word", bound=str)
-LARGEST = 1e9  # of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
+# of any number that a phone tells; JSON in a database keeps larger ones otherwise than they came
+LARGEST = 1e9
 
 
 def _only_a_written_day(value: object) -> object:
@@ -56,9 +57,8 @@ def _finite(value: float) -> float:
 
 Text = Annotated[str, AfterValidator(_storable)]
 Number = Annotated[float, AfterValidator(_finite)]
-JsonNumber = Annotated[
-    float, Field(strict=True), AfterValidator(_finite)
-]  # where no form sends it: "1" is no number
+# where no form sends it: "1" is no number
+JsonNumber = Annotated[float, Field(strict=True), AfterValidator(_finite)]
 LocalDay = Annotated[date, BeforeValidator(_only_a_written_day)]
 Instant = Annotated[datetime, BeforeValidator(_only_a_written_instant)]
 AwareInstant = Annotated[AwareDatetime, BeforeValidator(_only_a_written_instant)]

@@ -1,8 +1,8 @@
 """A request's body to files in the staging folder, piece by piece: memory stays bounded, limits hold while it streams.
 
-Multipart is parsed with python-multipart's low-level parser. Bytes are gathered to 128 KiB, then written and
-hashed in a thread, of which at most `max_uploads` work at a time. Whatever ends the request early (a limit, a cut
-connection) removes the files.
+Multipart is parsed with python-multipart's low-level parser. Bytes are gathered to 128 KiB, then
+written and hashed in a thread, of which at most `max_uploads` work at a time. Whatever ends the
+request early (a limit, a cut connection) removes the files.
 """
 
 import contextlib
@@ -138,9 +138,8 @@ async def received_parts(
             allowed = min(
                 most, reader.files_begun * limits.photo_bytes + limits.metadata_bytes + FRAME_BYTES
             )
-            if (
-                received > allowed
-            ):  # photographs have their own limits; this is what stands between and after them
+            # photographs have their own limits; this is what stands between and after them
+            if received > allowed:
                 raise _body_too_large(allowed)
             for file in reader.writable():
                 await anyio.to_thread.run_sync(file.write, limiter=limiter)

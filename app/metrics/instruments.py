@@ -1,8 +1,10 @@
-"""The counters, gauges and histograms of one process, in a separate registry. Names: tada_*, seconds and bytes.
+"""The counters, gauges and histograms of one process, in a separate registry.
 
-Each process is a separate target. Every label has few values, all defined by the program: codes, routes' patterns,
-stages, states. Counters are updated where things happen; figures of the database are read at the scrape
-(operations/figures.py).
+Names: tada_*, seconds and bytes.
+
+Each process is a separate target. Every label has few values, all defined by the program: codes,
+routes' patterns, stages, states. Counters are updated where things happen; figures of the database
+are read at the scrape (operations/figures.py).
 """
 
 import platform
@@ -50,7 +52,8 @@ BUILD = Gauge(
     registry=REGISTRY,
 )
 
-# outcomes of a job caused by the server and not by the photographs: the meal could have been measured
+# outcomes of a job caused by the server and not by the photographs: the meal could have been
+# measured
 SERVER_FAILURES = (
     "internal_error",
     "job_gave_up",

@@ -41,7 +41,9 @@ MAX_CALLERS = 16  # concurrent, each with a thread; further ones are refused
 
 
 def may_read(token: str | None, address: str | None, headers: Mapping[str, str]) -> Access:
-    """Return a caller's access. token: the configured one. address: the caller's. headers: by lower-case name.
+    """Return a caller's access.
+
+    token: the configured one. address: the caller's. headers: by lower-case name.
 
     "hidden": no token is set and the caller is remote; it should not learn that metrics exist.
     """
@@ -71,7 +73,10 @@ def _is_direct(headers: Mapping[str, str]) -> bool:
 
 
 class MetricsServer:
-    """Serves a registry until it is stopped. port 0: any free one. token None: only to this machine."""
+    """Serves a registry until it is stopped.
+
+    port 0: any free one. token None: only to this machine.
+    """
 
     def __init__(
         self, registry: CollectorRegistry, host: str, port: int, token: str | None
@@ -100,7 +105,10 @@ class MetricsServer:
 
 
 class _Server(ThreadingHTTPServer):
-    """One thread per caller, limited in number and time. One thread accepts and closes connections."""
+    """One thread per caller, limited in number and time.
+
+    One thread accepts and closes connections.
+    """
 
     daemon_threads = True
     registry: CollectorRegistry
@@ -132,7 +140,10 @@ class _Server(ThreadingHTTPServer):
             self._forget(request)
 
     def service_actions(self) -> None:
-        """Close connections that have taken too long; called twice a second. Their threads then fail and end."""
+        """Close connections that have taken too long; called twice a second.
+
+        Their threads then fail and end.
+        """
         with self._lock:
             for request, since in self._since.items():
                 if time.monotonic() - since > REQUEST_SECONDS:

@@ -1,7 +1,8 @@
 """Metrics of several processes of one server, added up: prometheus_client's multiprocess mode.
 
-Each process counts in files of its own, in a folder that the environment names; whichever is asked for /metrics reads
-them all. Counters of processes that have ended still count, so a sum never falls.
+Each process counts in files of its own, in a folder that the environment names; whichever is asked
+for /metrics reads them all. Counters of processes that have ended still count, so a sum never
+falls.
 """
 
 import atexit
@@ -18,7 +19,8 @@ VARIABLE = "PROMETHEUS_MULTIPROC_DIR"
 def share_metrics() -> None:
     """Let this program and the processes that it starts count together, in a folder that is removed when it ends.
 
-    Raises RuntimeError if prometheus_client was imported before: it looks at the environment only then.
+    Raises RuntimeError if prometheus_client was imported before: it looks at the environment only
+    then.
     """
     if "prometheus_client" in sys.modules:
         raise RuntimeError("prometheus_client is imported already and counts for one process only.")

@@ -1,9 +1,10 @@
 """The components of food tables: number, INFOODS tagname, unit and expression (components.csv).
 
-The key is the source's number: USDA's nutrient number, shared by SR and FoodData Central, or the INFOODS tagname of a
-component without a USDA number. A tagname alone is not a key: USDA uses VITD for both 324 (IU) and 328 (ug). A tagname
-implies a definition, so similar components are kept apart: CHOCDF (carbohydrate by difference, fibre included) is not
-CHOAVL (available), FOL (total folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
+The key is the source's number: USDA's nutrient number, shared by SR and FoodData Central, or the
+INFOODS tagname of a component without a USDA number. A tagname alone is not a key: USDA uses VITD
+for both 324 (IU) and 328 (ug). A tagname implies a definition, so similar components are kept
+apart: CHOCDF (carbohydrate by difference, fibre included) is not CHOAVL (available), FOL (total
+folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RETOL.
 """
 
 import csv
@@ -29,7 +30,8 @@ def packaged_rows(*path: str) -> list[dict[str, str]]:
 class Component:
     """One component: figures are in `unit` per 100 g edible portion.
 
-    tagname: None if INFOODS has none. expression: the definition of the figure, if the name is ambiguous.
+    tagname: None if INFOODS has none. expression: the definition of the figure, if the name is
+    ambiguous.
     """
 
     number: str
@@ -57,8 +59,8 @@ NUMBER_BY_TAGNAME = MappingProxyType(
     {component.tagname: component.number for component in reversed(COMPONENTS) if component.tagname}
 )
 
-# FoodData Central's Foundation foods have energy by specific or general Atwater factors in place of 208: all are
-# kilocalories of metabolisable energy.
+# FoodData Central's Foundation foods have energy by specific or general Atwater factors in place of
+# 208: all are kilocalories of metabolisable energy.
 ENERGY_NUMBERS = ("208", "958", "957")
 
 
@@ -95,8 +97,8 @@ def _headline(
     return Headline(column, label, meaning, (NUMBER_BY_TAGNAME[tagname],), is_compared)
 
 
-# In the order of a record's columns. Tables, answers, exports and pages follow from it; a new one needs a migration of
-# effective_record, and a name_... in messages/feedback.toml if it is compared.
+# In the order of a record's columns. Tables, answers, exports and pages follow from it; a new one
+# needs a migration of effective_record, and a name_... in messages/feedback.toml if it is compared.
 HEADLINES: tuple[Headline, ...] = (
     Headline("energy_kcal", "Energy", "Energy (metabolisable)", ENERGY_NUMBERS),
     _headline("protein_g", "Protein", "Protein", "PROCNT", is_compared=True),
@@ -124,9 +126,8 @@ COMPONENT_GROUPS: Final = (
     "Stimulants",
 )  # fmt: skip
 FATTY_ACIDS: Final = "Fatty acids"
-_FATTY_ACID = re.compile(
-    r"\d+:\d|Fatty acids"
-)  # named by carbons and double bonds: "18:3 n-3 c,c,c (ALA)"
+# named by carbons and double bonds: "18:3 n-3 c,c,c (ALA)"
+_FATTY_ACID = re.compile(r"\d+:\d|Fatty acids")
 _PLACE = {row["number"]: (row["group"], int(row["place"])) for row in _ROWS if row["group"]}
 
 
@@ -143,7 +144,10 @@ def component_group(number: str, name: str) -> str:
 
 
 def by_component_group(components: Iterable[tuple[str, str, T]]) -> dict[str, list[T]]:
-    """Group the values of components, both in reading order. components: number, name and value of each."""
+    """Group the values of components, both in reading order.
+
+    components: number, name and value of each.
+    """
     groups: dict[str, list[tuple[int, T]]] = {
         group: [] for group in (*COMPONENT_GROUPS, FATTY_ACIDS, OTHERS)
     }

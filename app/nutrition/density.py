@@ -1,9 +1,10 @@
 """Choose the density that turns an item's volume into grams, and explain why the others were rejected.
 
-Order of preference: the study's own measurement; a measurement of this food; a row of the FAO/INFOODS table; a volume
-portion (cup, cubic inch) of this food; one of a close relative; an estimate from the food's composition; the food
-group's median with a wide spread. The kind comes first: a camera sees the volume including the air in it, so a heap
-takes a bulk density and a whole piece a solid one. A cup of sliced apple (0.5 g/ml) says nothing about an apple (0.79).
+Order of preference: the study's own measurement; a measurement of this food; a row of the
+FAO/INFOODS table; a volume portion (cup, cubic inch) of this food; one of a close relative; an
+estimate from the food's composition; the food group's median with a wide spread. The kind comes
+first: a camera sees the volume including the air in it, so a heap takes a bulk density and a whole
+piece a solid one. A cup of sliced apple (0.5 g/ml) says nothing about an apple (0.79).
 """
 
 from collections.abc import Iterable
@@ -23,8 +24,8 @@ KIND_OF_FORM: MappingProxyType[FoodForm, DensityKind] = MappingProxyType(
     }
 )
 
-# A density of the wrong kind, used if there is no other, may be off by the air in a heap: randomly poured spheres fill
-# 0.55 to 0.64 of the space, flakes far less.
+# A density of the wrong kind, used if there is no other, may be off by the air in a heap: randomly
+# poured spheres fill 0.55 to 0.64 of the space, flakes far less.
 WRONG_KIND_RELATIVE_SD = 0.4
 
 _BASIS_TEXT = MappingProxyType(
@@ -62,13 +63,14 @@ def resolve_density(
 ) -> DensityChoice | None:
     """Return the density for an item of this food in this form (None: the food's usual form).
 
-    study_densities: the study's own measurements of this food, the newest first; they take precedence.
-    None if the food has no density: its volume then gives no grams.
+    study_densities: the study's own measurements of this food, the newest first; they take
+    precedence. None if the food has no density: its volume then gives no grams.
     """
     form = form or food.form
     kind = KIND_OF_FORM[form]
     own = [replace(density, basis="study") for density in study_densities]
-    # sorted() is stable: within one basis it keeps the table's order, which has the usual state first.
+    # sorted() is stable: within one basis it keeps the table's order, which has the usual state
+    # first.
     by_preference = sorted(
         [*own, *food.densities], key=lambda density: DENSITY_BASES.index(density.basis)
     )

@@ -1,8 +1,9 @@
 """Uncertainty in parts, shared between items or independent; 90 % intervals of amounts, sums and differences.
 
-Errors here multiply (a scale, a density), so each part is a factor with a lognormal distribution; an interval is never
-negative and is wider upwards. A part's relative standard deviation r gives the logarithm's, s = sqrt(ln(1 + r^2)).
-The value itself is the median. Uncertainty of the nutrient figures themselves is not included.
+Errors here multiply (a scale, a density), so each part is a factor with a lognormal distribution;
+an interval is never negative and is wider upwards. A part's relative standard deviation r gives the
+logarithm's, s = sqrt(ln(1 + r^2)). The value itself is the median. Uncertainty of the nutrient
+figures themselves is not included.
 """
 
 import math
@@ -10,15 +11,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-Z_90 = 1.6448536269514722  # the normal distribution's 95th percentile: 5 % lie above, 5 % below the mirror image
+# the normal distribution's 95th percentile: 5 % lie above, 5 % below the mirror image
+Z_90 = 1.6448536269514722
 
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
     """Relative standard deviations by part; they add up in squares.
 
-    pair: shared by all items of one pair of photographs (pose, scale). density: shared by all items of one food.
-    item: the item's own. Raises ValueError if one is negative or not finite.
+    pair: shared by all items of one pair of photographs (pose, scale). density: shared by all items
+    of one food. item: the item's own. Raises ValueError if one is negative or not finite.
     """
 
     pair: float = 0.0
@@ -54,7 +56,8 @@ class Estimate:
 class Term:
     """One item's amount in a sum or difference.
 
-    value: >= 0. pair, food: terms with the same pair or food share that part of the doubt. sign: -1 to subtract.
+    value: >= 0. pair, food: terms with the same pair or food share that part of the doubt. sign: -1
+    to subtract.
     """
 
     value: float
@@ -79,17 +82,16 @@ def estimate(value: float, doubt: Doubt) -> Estimate:
 def combine(terms: Sequence[Term]) -> Estimate:
     """Return the signed sum of the terms with its 90 % interval; shared parts combine before independent ones.
 
-    The covariance of two terms is exact: E_i E_j (exp(s) - 1), s the log variance that they share. A sum is modelled as
-    the lognormal of the same mean and variance (Fenton 1960); a sum with a negative sign, which may be negative, as the
-    normal. An empty sum is 0.
+    The covariance of two terms is exact: E_i E_j (exp(s) - 1), s the log variance that they share.
+    A sum is modelled as the lognormal of the same mean and variance (Fenton 1960); a sum with a
+    negative sign, which may be negative, as the normal. An empty sum is 0.
     """
     total = math.fsum(term.sign * term.value for term in terms)
     means = [term.sign * term.value * math.exp(term.doubt.log_variance / 2.0) for term in terms]
     mean = math.fsum(means)
     variance = math.fsum(_covariances(terms, means))
-    sd = math.sqrt(
-        max(variance, 0.0)
-    )  # rounding may leave a tiny negative number where terms cancel
+    # rounding may leave a tiny negative number where terms cancel
+    sd = math.sqrt(max(variance, 0.0))
     if any(term.sign < 0 for term in terms):
         return Estimate(total, mean - Z_90 * sd, mean + Z_90 * sd)
     if mean == 0.0:

@@ -1,6 +1,7 @@
 """Values of the food table: foods, refuse, densities and nutrients; and the starter table in the package.
 
-Values are validated on construction; density.py chooses densities. The starter table is built by tools/starter_table.
+Values are validated on construction; density.py chooses densities. The starter table is built by
+tools/starter_table.
 """
 
 import csv
@@ -35,7 +36,10 @@ WEIGHED_PARTS: tuple[WeighedPart, ...] = get_args(WeighedPart)
 
 
 def food_form(text: str | None) -> FoodForm | None:
-    """Return a text as one of FOOD_FORMS, None for None. Raises ValueError if it is not one of them."""
+    """Return a text as one of FOOD_FORMS, None for None.
+
+    Raises ValueError if it is not one of them.
+    """
     for form in FOOD_FORMS:
         if form == text:
             return form
@@ -46,7 +50,10 @@ def food_form(text: str | None) -> FoodForm | None:
 
 @dataclass(frozen=True, slots=True)
 class RefusePart:
-    """An inedible part: percent of the whole food's mass. is_served: usually still on it in a photograph."""
+    """An inedible part: percent of the whole food's mass.
+
+    is_served: usually still on it in a photograph.
+    """
 
     part: str
     percent: float
@@ -57,10 +64,11 @@ class RefusePart:
 class Density:
     """A food's density and spread: the standard deviation of another item of this food from it.
 
-    kind: "solid", of the piece or the liquid itself; "bulk", of a heap with the air between its pieces. state: of the
-    food when weighed (raw, boiled, mashed, sliced ...). basis: how the density was obtained; DENSITY_BASES has the best
-    first. source: readable, with the source's ids. weighs: "edible" if a table gives the edible mass in a volume that
-    includes waste ("1 cup, with pits, yields"): refuse is not subtracted again.
+    kind: "solid", of the piece or the liquid itself; "bulk", of a heap with the air between its
+    pieces. state: of the food when weighed (raw, boiled, mashed, sliced ...). basis: how the
+    density was obtained; DENSITY_BASES has the best first. source: readable, with the source's ids.
+    weighs: "edible" if a table gives the edible mass in a volume that includes waste ("1 cup, with
+    pits, yields"): refuse is not subtracted again.
     """
 
     g_per_ml: float
@@ -96,14 +104,15 @@ class Density:
 class Food:
     """One food of a release.
 
-    key: identifies the food across releases: a slug, or SOURCE:ID for a food of an imported table. form: its usual form
-    on the plate. slice_form: the shape that the paper's method fits to its slices (section V); None: chosen by fit.
-    state: raw (dry goods too), cooked, or as_eaten (bread, milk, a dish); None if the source does not state it: raw and
-    cooked are never interchangeable. refuse: parts of the whole food that are not eaten. densities: the best first.
-    portions: as the source gives them, of edible mass. per_100_g: component number -> content of 100 g edible portion
-    in the component's unit; an unknown content is absent, never 0. source_ids: such as {"sr28_ndb": "09003"}. probes:
-    questions for the participant about what no camera sees (fat_added, sweetened, drained, dressing ...). Raises
-    ValueError if a value is invalid.
+    key: identifies the food across releases: a slug, or SOURCE:ID for a food of an imported table.
+    form: its usual form on the plate. slice_form: the shape that the paper's method fits to its
+    slices (section V); None: chosen by fit. state: raw (dry goods too), cooked, or as_eaten (bread,
+    milk, a dish); None if the source does not state it: raw and cooked are never interchangeable.
+    refuse: parts of the whole food that are not eaten. densities: the best first. portions: as the
+    source gives them, of edible mass. per_100_g: component number -> content of 100 g edible
+    portion in the component's unit; an unknown content is absent, never 0. source_ids: such as
+    {"sr28_ndb": "09003"}. probes: questions for the participant about what no camera sees
+    (fat_added, sweetened, drained, dressing ...). Raises ValueError if a value is invalid.
     """
 
     key: str
@@ -140,7 +149,10 @@ class Food:
 
 @dataclass(frozen=True, slots=True)
 class FoodTable:
-    """One release of a food table. checksum: SHA-256 of its source files, hex. foods: in the table's order."""
+    """One release of a food table.
+
+    checksum: SHA-256 of its source files, hex. foods: in the table's order.
+    """
 
     name: str
     version: str

@@ -27,8 +27,8 @@ from app.nutrition.foods import (
 )
 from app.nutrition.portion_density import MIN_GROUP_FOODS, group_median, group_medians
 
-# Groups of the same tissue. Baked goods, snacks, sweets and dishes have no related group: a lasagna's density says
-# nothing about a hamburger's.
+# Groups of the same tissue. Baked goods, snacks, sweets and dishes have no related group: a
+# lasagna's density says nothing about a hamburger's.
 RELATED_GROUPS: tuple[frozenset[str], ...] = (
     frozenset({
         "Beef Products",
@@ -40,29 +40,19 @@ RELATED_GROUPS: tuple[frozenset[str], ...] = (
     }),
 )  # fmt: skip
 
-# Bases that measure the food itself. A relative's density or another group's median would count that food twice.
+# Bases that measure the food itself. A relative's density or another group's median would count
+# that food twice.
 OWN_BASES = frozenset({"study", "measured", "fao", "portion"})
 
 _Pool = tuple[str, str]  # group; kind or "liquid"
-GROUPS = (
-    "baked",
-    "fast foods",
-    "restaurant foods",
-    "meals, entrees",
-    "snacks",
-)  # lower-case prefixes of group names
+# lower-case prefixes of group names
+GROUPS = ("baked", "fast foods", "restaurant foods", "meals, entrees", "snacks")
 
-# Names of each kind; the first match wins: a cheeseburger on a bun is not bread. Doughs, crumbs and the like are of no
-# kind (_NONE).
+# Names of each kind; the first match wins: a cheeseburger on a bun is not bread. Doughs, crumbs and
+# the like are of no kind (_NONE).
 MIN_FOODS = 3
-_ALL = (
-    *GROUPS,
-    "beef",
-    "pork",
-    "poultry",
-    "finfish",
-    "vegetable",
-)  # groups of the starter's fries, steaks, shrimps
+# groups of the starter's fries, steaks, shrimps
+_ALL = (*GROUPS, "beef", "pork", "poultry", "finfish", "vegetable")
 _NONE = re.compile(
     r"\b(?:mix|dough|(?<!soft )bread crumbs|croutons|pie crust|batter|pie fillings?|stuffing|salads?|ice cream|"
     r"rice cakes?|crab|chips|crisps|puffs|egg rolls?|bread, (?:banana|pumpkin|boston|irish|nut))\b",
@@ -106,7 +96,8 @@ def with_group_medians(
 ) -> tuple[Food, ...]:
     """Return the foods with the medians of their group appended to their densities, the kind of their form first.
 
-    source: readable name of the table. starter_foods: by NDB number; their densities count for the group too.
+    source: readable name of the table. starter_foods: by NDB number; their densities count for the
+    group too.
     """
     portion_medians = group_medians(((food.food_group, food.portions) for food in foods), source)
     medians: dict[_Pool, Density] = {

@@ -26,9 +26,10 @@ def estimate_mass(
 ) -> Mass:
     """Return the mass of an item: volume (ml) x density (g/ml), and its edible share (0 to 1, from `edible_share`).
 
-    The density's spread is added to the doubt's part "density". A density of edible mass (Density.weighs) gives the
-    edible grams, from which the mass as seen is computed. Refuse has no published spread, and none is assumed.
-    Raises ValueError if volume or share is not positive and finite, or the share exceeds 1.
+    The density's spread is added to the doubt's part "density". A density of edible mass
+    (Density.weighs) gives the edible grams, from which the mass as seen is computed. Refuse has no
+    published spread, and none is assumed. Raises ValueError if volume or share is not positive and
+    finite, or the share exceeds 1.
     """
     if not 0.0 < volume_ml < math.inf:
         raise ValueError(f"a volume is positive and finite, not {volume_ml} ml")
@@ -45,9 +46,12 @@ def estimate_mass(
 def weighed_mass(
     mass_g: float, relative_sd: float, *, is_edible: bool, edible_share: float = 1.0
 ) -> Mass:
-    """Return the mass of an item whose grams a person states. is_edible: without refuse; otherwise as seen.
+    """Return the mass of an item whose grams a person states.
 
-    relative_sd: error of the person's figure. Raises ValueError if the mass is not positive and finite.
+    is_edible: without refuse; otherwise as seen.
+
+    relative_sd: error of the person's figure. Raises ValueError if the mass is not positive and
+    finite.
     """
     if not 0.0 < mass_g < math.inf:
         raise ValueError(f"a mass is positive and finite, not {mass_g} g")
@@ -59,8 +63,9 @@ def consumed_mass(
 ) -> Estimate:
     """Return the edible grams eaten: served minus left, times the eater's share (above 0, at most 1) of the dish.
 
-    Signed: if the doubt exceeds the amount eaten it may be below 0 and is not clipped, which would bias means over many
-    meals. The two pairs of photographs have independent doubt; the doubt of the food's density is shared.
+    Signed: if the doubt exceeds the amount eaten it may be below 0 and is not clipped, which would
+    bias means over many meals. The two pairs of photographs have independent doubt; the doubt of
+    the food's density is shared.
     """
     if not 0.0 < share <= 1.0:
         raise ValueError(f"a share is above 0 and at most 1, not {share}")
@@ -74,10 +79,10 @@ def edible_share(
 ) -> float:
     """Return the edible share of an item's mass as seen, from the food's refuse.
 
-    form: of the item (None: the usual one). A food of solid pieces in a heap or a vessel was peeled and cut, so it has
-    no refuse. without: parts already removed (None: those not usually served): a pineapple without its crown is
-    (100 - 49) / (100 - 16) edible.
-    Raises ValueError if `without` names a part that the food does not have.
+    form: of the item (None: the usual one). A food of solid pieces in a heap or a vessel was peeled
+    and cut, so it has no refuse. without: parts already removed (None: those not usually served): a
+    pineapple without its crown is (100 - 49) / (100 - 16) edible. Raises ValueError if `without`
+    names a part that the food does not have.
     """
     if form is not None and KIND_OF_FORM[form] == "bulk" and KIND_OF_FORM[food.form] == "solid":
         return 1.0

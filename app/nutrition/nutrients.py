@@ -1,7 +1,7 @@
 """Edible grams to nutrients: amounts of one item, totals over items with the share of the mass that they cover.
 
-An unknown content is absent, never 0: a total states for which share of the edible mass the content is known, and a
-portion of unknown mass makes every total incomplete.
+An unknown content is absent, never 0: a total states for which share of the edible mass the content
+is known, and a portion of unknown mass makes every total incomplete.
 """
 
 import math
@@ -20,10 +20,13 @@ NOTHING = Estimate(0.0, 0.0, 0.0)  # grams if nothing was eaten
 
 @dataclass(frozen=True, slots=True)
 class Portion:
-    """One item in a total. pair: its pair of photographs, whose doubt is shared. sign: -1 for leftovers.
+    """One item in a total.
 
-    share: the person's share of a shared dish. per_100_g: component number -> content of 100 g edible portion. mass:
-    None if not known; the portion is then left out of the sum, and the total is marked incomplete.
+    pair: its pair of photographs, whose doubt is shared. sign: -1 for leftovers.
+
+    share: the person's share of a shared dish. per_100_g: component number -> content of 100 g
+    edible portion. mass: None if not known; the portion is then left out of the sum, and the total
+    is marked incomplete.
     """
 
     food_key: str
@@ -43,8 +46,8 @@ class Portion:
 class NutrientTotal:
     """A total in its component's unit, and the share (0 to 1) of the eaten grams for which the content is known.
 
-    A food with more left than served, within the error, has no weight in it. coverage: None if a portion's mass is not
-    known: the total is then incomplete by an unknown amount.
+    A food with more left than served, within the error, has no weight in it. coverage: None if a
+    portion's mass is not known: the total is then incomplete by an unknown amount.
     """
 
     amount: Estimate
@@ -75,8 +78,8 @@ def nutrients_in(per_100_g: Mapping[str, float], edible_g: Estimate) -> Mapping[
 def amount_interval(amount: Estimate, edible_g: Estimate) -> tuple[float, float] | None:
     """Return the 90 % interval of a component's amount in these grams; None if it would be misleading.
 
-    The interval covers only the doubt of the grams. For a food with a content of 0 it would be [0, 0], as if that 0
-    were certain; it is certain only if nothing was eaten.
+    The interval covers only the doubt of the grams. For a food with a content of 0 it would be [0,
+    0], as if that 0 were certain; it is certain only if nothing was eaten.
     """
     is_misleading = amount == NOTHING and edible_g != NOTHING
     return None if is_misleading else (amount.low, amount.high)

@@ -21,12 +21,11 @@ from app.core.units import Unit, convert
 from app.nutrition.components import COMPONENT_BY_NUMBER, NUMBER_BY_TAGNAME, Component
 from app.nutrition.intakes.energy_requirement import Activity, Energy, LeftOut
 
-LARGEST_SUM_G = 107.0  # of the macronutrients in 100 g: analysed separately, those of a salmon in SR28 add up to 106.5
+# of the macronutrients in 100 g: analysed separately, those of a salmon in SR28 add up to 106.5
+LARGEST_SUM_G = 107.0
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
-MIN_G_PER_ML, MAX_G_PER_ML = (
-    0.005,
-    3.0,
-)  # spun sugar has some ten times the minimum, crystals of salt 2.2
+# spun sugar has some ten times the minimum, crystals of salt 2.2
+MIN_G_PER_ML, MAX_G_PER_ML = (0.005, 3.0)
 
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
 _OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))
@@ -60,7 +59,10 @@ def most_in_100_g(component: Component) -> float:
 
 
 def why_impossible(per_100_g: Mapping[str, float]) -> str | None:
-    """Return why these contents are impossible, as a sentence; None if possible. Unknown contents count as 0."""
+    """Return why these contents are impossible, as a sentence; None if possible.
+
+    Unknown contents count as 0.
+    """
     for number, content in per_100_g.items():
         component = COMPONENT_BY_NUMBER.get(number)
         if component is not None and content > most_in_100_g(component):

@@ -19,19 +19,17 @@ from app.nutrition.density import KIND_OF_FORM
 from app.nutrition.foods import Density, DensityBasis, DensityKind, FoodForm, WeighedPart
 from app.nutrition.portions import Portion
 
-# No table publishes a spread; these are judgements (docs/food-table.md, "Spread"): liquids differ little; two tables'
-# figures for the same cooked, heaped food differ by 2 to 12 %, plus the variation in packing between heaps.
+# No table publishes a spread; these are judgements (docs/food-table.md, "Spread"): liquids differ
+# little; two tables' figures for the same cooked, heaped food differ by 2 to 12 %, plus the
+# variation in packing between heaps.
 _RELATIVE_SD: Mapping[str, float] = {"liquid": 0.02, "solid": 0.08, "bulk": 0.12}
 GROUP_RELATIVE_SD = 0.25  # at least
 MIN_GROUP_FOODS = 5
-SMALL_UNITS = frozenset(
-    {Unit.TABLESPOON, Unit.FLUID_OUNCE}
-)  # their weights are rounded more coarsely than a cup's
+# their weights are rounded more coarsely than a cup's
+SMALL_UNITS = frozenset({Unit.TABLESPOON, Unit.FLUID_OUNCE})
 _ROBUST_SD = 0.7413  # standard deviation of a normal distribution per unit of interquartile range
-POSSIBLE_G_PER_ML = (
-    0.012,
-    1.6,
-)  # freeze-dried chives to honey; beyond, a weight or a measure is misprinted
+# freeze-dried chives to honey; beyond, a weight or a measure is misprinted
+POSSIBLE_G_PER_ML = (0.012, 1.6)
 
 _SOLID_WORDS = re.compile(r"\b(mashed|pureed|melted)\b", re.IGNORECASE)
 _GROUP_WORDS: Mapping[DensityKind, re.Pattern[str]] = {
@@ -62,9 +60,9 @@ def portion_densities(
 ) -> list[Density]:
     """Return one density per kind and state, the usual portion's first; a cup takes precedence over a tablespoon.
 
-    state: the food's usual state, which a plain cup of it has too. source: source of the portions, with the id.
-    usual_portion: sequence of the portion whose state is closest to it. cup_kind: kind of a plain cup's density if it
-    differs from the form's.
+    state: the food's usual state, which a plain cup of it has too. source: source of the portions,
+    with the id. usual_portion: sequence of the portion whose state is closest to it. cup_kind: kind
+    of a plain cup's density if it differs from the form's.
     """
     densities: dict[tuple[DensityKind, str], Density] = {}
     for portion in sorted(
@@ -109,9 +107,12 @@ def portion_density(
 def group_medians(
     foods: Iterable[tuple[str, Sequence[Portion]]], source: str
 ) -> Mapping[tuple[str, DensityKind], Density]:
-    """Return (group, kind) -> the group's density, with a wide spread. foods: (food group, portions) of all foods.
+    """Return (group, kind) -> the group's density, with a wide spread.
 
-    A food counts once, by its median; a group with fewer than MIN_GROUP_FOODS such foods has no density.
+    foods: (food group, portions) of all foods.
+
+    A food counts once, by its median; a group with fewer than MIN_GROUP_FOODS such foods has no
+    density.
     """
     medians: dict[tuple[str, DensityKind], list[float]] = {}
     for group, portions in foods:
@@ -177,7 +178,10 @@ def _is_small(portion: Portion) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Specimen:
-    """One measured piece of food. Raises ValueError unless volume and mass are positive and finite."""
+    """One measured piece of food.
+
+    Raises ValueError unless volume and mass are positive and finite.
+    """
 
     name: str
     volume_ml: float
@@ -196,8 +200,9 @@ class Specimen:
 def median_density(specimens: Sequence[Specimen], *, volume_step_ml: float) -> tuple[float, float]:
     """Return (median density, standard deviation of another specimen from it), g/ml.
 
-    The spread is the specimens' standard deviation, but at least the error of rounding their volumes to steps of
-    volume_step_ml (uniform, step / sqrt(12) of the mean volume). Raises ValueError if there are fewer than two.
+    The spread is the specimens' standard deviation, but at least the error of rounding their
+    volumes to steps of volume_step_ml (uniform, step / sqrt(12) of the mean volume). Raises
+    ValueError if there are fewer than two.
     """
     if len(specimens) < 2:
         raise ValueError(f"{len(specimens)} specimens; a spread needs two")

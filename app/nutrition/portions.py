@@ -1,6 +1,7 @@
 """Household measures, such as "1 cup, sliced" of 109 g, and their volume if they are one.
 
-Recognises the texts of USDA's tables: SR's Msre_Desc, FoodData Central's measure unit, portion description, modifier.
+Recognises the texts of USDA's tables: SR's Msre_Desc, FoodData Central's measure unit, portion
+description, modifier.
 """
 
 import math
@@ -9,7 +10,8 @@ from dataclasses import dataclass
 
 from app.core.units import Unit, density_from_portion
 
-# Measures that start with a volume. Teaspoons are left out: their weights are rounded to a tenth of themselves.
+# Measures that start with a volume. Teaspoons are left out: their weights are rounded to a tenth of
+# themselves.
 _VOLUMES = (
     (re.compile(r"(?:serving )?cups?\b", re.IGNORECASE), Unit.CUP, 1.0),
     (re.compile(r"(?:serving )?1/2 cup\b", re.IGNORECASE), Unit.CUP, 0.5),
@@ -18,7 +20,8 @@ _VOLUMES = (
     (re.compile(r"cubic inch(?:es)?\b", re.IGNORECASE), Unit.CUBIC_INCH, 1.0),
     (re.compile(r"(?:ml|milliliters?|millilitres?)\b", re.IGNORECASE), Unit.ML, 1.0),
 )
-# A cup of something other than the food: the dry food before cooking, or a drink together with its ice.
+# A cup of something other than the food: the dry food before cooking, or a drink together with its
+# ice.
 _NOT_THE_FOOD = re.compile(
     r"\b(?:dry|raw|uncooked|unprepared|frozen|unpopped)\b.*\byields?\b|with ice|\(NFS\)|guideline",
     re.IGNORECASE,
@@ -28,7 +31,10 @@ _SERVING = re.compile(r"^serving 1 (?=cup\b)")
 
 @dataclass(frozen=True, slots=True)
 class Portion:
-    """`amount` of `measure` holds mass_g grams of edible food. sequence: the portion's number in its source."""
+    """`amount` of `measure` holds mass_g grams of edible food.
+
+    sequence: the portion's number in its source.
+    """
 
     sequence: str
     amount: float

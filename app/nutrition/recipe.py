@@ -1,15 +1,16 @@
 """A dish's composition from its recipe: ingredients, yield and retention -> content of 100 g of the dish as eaten.
 
-The "mixed" method of FAO/INFOODS, which EuroFIR recommends: yield at the recipe's level, retention at each ingredient's
-level (Vasquez-Caicedo, Bell and Hartmann, EuroFIR D2.2.9, 2008; Bognar and Piekarski, J. Food Compos. Anal. 13 (2000)
-391). With ingredients of m_i grams that contain c_i per 100 g and retain the share r_i, and a dish of Y
-sum(m_i) grams,
+The "mixed" method of FAO/INFOODS, which EuroFIR recommends: yield at the recipe's level, retention
+at each ingredient's level (Vasquez-Caicedo, Bell and Hartmann, EuroFIR D2.2.9, 2008; Bognar and
+Piekarski, J. Food Compos. Anal. 13 (2000) 391). With ingredients of m_i grams that contain c_i per
+100 g and retain the share r_i, and a dish of Y sum(m_i) grams,
 
     100 g of the dish contain sum(m_i c_i r_i) / (Y sum(m_i)).
 
-Water has no factor but follows from the masses: the weight that the dish loses against its ingredients is water, except
-for the fat, alcohol, protein, carbohydrate and ash lost by retention. Energy falls by the energy of what is lost.
-The caller gives all factors; none is assumed here. Contents that an ingredient lacks are unknown for the dish, never 0.
+Water has no factor but follows from the masses: the weight that the dish loses against its
+ingredients is water, except for the fat, alcohol, protein, carbohydrate and ash lost by retention.
+Energy falls by the energy of what is lost. The caller gives all factors; none is assumed here.
+Contents that an ingredient lacks are unknown for the dish, never 0.
 """
 
 import math
@@ -30,12 +31,11 @@ from app.nutrition.foods import Food, FoodState
 WATER = NUMBER_BY_TAGNAME["WATER"]
 FAT = NUMBER_BY_TAGNAME["FAT"]
 KILOJOULES = NUMBER_BY_TAGNAME["ENERC_KJ"]
-DERIVED = frozenset(
-    {WATER, KILOJOULES, *ENERGY_NUMBERS}
-)  # computed from the others, so they take no factor
+# computed from the others, so they take no factor
+DERIVED = frozenset({WATER, KILOJOULES, *ENERGY_NUMBERS})
 
-# kcal/g of the constituents of a food beside water: the Atwater general factors (FAO Food and Nutrition Paper 77,
-# 2003); 0 for ash. They apply only to what cooking removes.
+# kcal/g of the constituents of a food beside water: the Atwater general factors (FAO Food and
+# Nutrition Paper 77, 2003); 0 for ash. They apply only to what cooking removes.
 _KCAL_PER_G = MappingProxyType(
     {
         NUMBER_BY_TAGNAME["PROCNT"]: 4.0,
@@ -52,8 +52,8 @@ _WATER_SLACK_G = 1.0  # in 100 g: published figures do not add up to 100 exactly
 class Ingredient:
     """Edible grams of a food in the state in which it goes into the dish.
 
-    retention: component number -> share (0 to 1) left after cooking; 1 if not given, except that a fatty acid takes the
-    share of the fat. Only for food that is not cooked yet.
+    retention: component number -> share (0 to 1) left after cooking; 1 if not given, except that a
+    fatty acid takes the share of the fat. Only for food that is not cooked yet.
     """
 
     food: Food
@@ -66,9 +66,9 @@ class Ingredient:
 class Dish:
     """Contents of a dish.
 
-    per_100_g: component number -> content of 100 g as eaten, of the components known for all ingredients. coverage:
-    component number -> the share (0 to 1) of the ingredients' mass for which it is known, for every component known for
-    at least one of them; 1 for those in per_100_g.
+    per_100_g: component number -> content of 100 g as eaten, of the components known for all
+    ingredients. coverage: component number -> the share (0 to 1) of the ingredients' mass for which
+    it is known, for every component known for at least one of them; 1 for those in per_100_g.
     """
 
     per_100_g: Mapping[str, float]
@@ -76,12 +76,14 @@ class Dish:
 
 
 def prepare_dish(ingredients: Sequence[Ingredient], recipe_yield: float) -> Dish:
-    """Return the dish of these ingredients. recipe_yield: its mass / theirs, below 1 if water boils off.
+    """Return the dish of these ingredients.
+
+    recipe_yield: its mass / theirs, below 1 if water boils off.
 
     Raises InvalidInputError: `ingredient_state_differs` (raw and cooked are never interchangeable),
-    `ingredient_is_cooked` (retention or a yield for food that is cooked already), `retention_invalid`,
-    `recipe_impossible` (it loses more water than there is); ValueError if there is no ingredient or a mass, yield or
-    share is invalid.
+    `ingredient_is_cooked` (retention or a yield for food that is cooked already),
+    `retention_invalid`, `recipe_impossible` (it loses more water than there is); ValueError if
+    there is no ingredient or a mass, yield or share is invalid.
     """
     _check_values(ingredients, recipe_yield)
     for ingredient in ingredients:
@@ -183,7 +185,10 @@ def _other_numbers(ingredients: Sequence[Ingredient]) -> list[str]:
 
 
 def _amount(ingredient: Ingredient, number: str) -> float | None:
-    """Return the amount of a component left in the ingredient, in its unit; None if not known. Water: before yield."""
+    """Return the amount of a component left in the ingredient, in its unit; None if not known.
+
+    Water: before yield.
+    """
     content = ingredient.food.per_100_g.get(number)
     if content is None:
         return None

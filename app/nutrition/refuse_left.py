@@ -1,8 +1,8 @@
 """Classify leftovers as refuse (peel, core, bone) or food left, by how much refuse the food as served can have had.
 
-A piece is weighed with the density of the whole food. Peel is lighter and lies hollow, so its mass is overestimated,
-seldom underestimated: a piece classified as refuse is rarely food, but a peel may be classified as food left. Both are
-proposals and are flagged.
+A piece is weighed with the density of the whole food. Peel is lighter and lies hollow, so its mass
+is overestimated, seldom underestimated: a piece classified as refuse is rarely food, but a peel may
+be classified as food left. Both are proposals and are flagged.
 """
 
 import math
@@ -17,7 +17,8 @@ REFUSE_ASSUMED = "refuse_assumed"
 # classified as food by its amount: it may be, or contain, refuse
 REFUSE_POSSIBLE = "refuse_possible"
 
-HOLLOW = 2.0  # largest factor by which a hollow peel's mass is overestimated: an assumption without a source
+# largest factor by which a hollow peel's mass is overestimated: an assumption without a source
+HOLLOW = 2.0
 
 LeftoverClass = Literal["food_left", "refuse"]
 
@@ -25,10 +26,12 @@ LeftoverClass = Literal["food_left", "refuse"]
 def classify_left(
     served: Mass | None, pieces: Sequence[Mass | None], reviewed: Sequence[LeftoverClass | None]
 ) -> list[tuple[LeftoverClass, str | None]]:
-    """Return (class, flag or None) of each leftover piece of one item. reviewed: a person's class of each, or None.
+    """Return (class, flag or None) of each leftover piece of one item.
 
-    From the lightest piece on, pieces are refuse as long as all refuse together does not exceed the served food's,
-    given the 90 % doubt of both. A food that is eaten whole leaves no refuse.
+    reviewed: a person's class of each, or None.
+
+    From the lightest piece on, pieces are refuse as long as all refuse together does not exceed the
+    served food's, given the 90 % doubt of both. A food that is eaten whole leaves no refuse.
     """
     classes: list[tuple[LeftoverClass, str | None]] = [
         (label or "food_left", None) for label in reviewed

@@ -20,10 +20,12 @@ _ASCII_WORD = re.compile(r"[a-z0-9]+")
 _APOSTROPHES = re.compile("['\u2019\u02bc`]")  # "McDonald's" is one word
 # combining classes up to this (kana voicing, Indic virama) change the letter: they are no accents
 _VOICED_AND_VIRAMA = 9
+# ø ł đ æ œ ı
 _WITHOUT_DECOMPOSITION = str.maketrans(
     {"\u00f8": "o", "\u0142": "l", "\u0111": "d", "\u00e6": "ae", "\u0153": "oe", "\u0131": "i"}
-)  # ø ł đ æ œ ı
-# Scripts written without blanks between words: Thai to Myanmar, Khmer, kana, Han. Each character is a word there.
+)
+# Scripts written without blanks between words: Thai to Myanmar, Khmer, kana, Han. Each character is
+# a word there.
 _UNSPACED = re.compile(
     "[\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff\u3040-\u30ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff]"
 )
@@ -31,7 +33,8 @@ MAX_QUERY_WORDS = 10  # further words are ignored
 # prefixes up to this length match only at the beginning of labels (posting_ranks)
 STARRED_LETTERS = 2
 
-# Costs, in tenths of an extra word. They were tuned on half of the judged queries (tests/data/food_search/judged.csv).
+# Costs, in tenths of an extra word. They were tuned on half of the judged queries
+# (tests/data/food_search/judged.csv).
 OTHER_LABEL = 10  # the label is an alias
 # an alias of a published table: many foods share it ("hamburger", of ground beef)
 SHARED_LABEL = 40
@@ -46,13 +49,8 @@ CLASS_BEFORE_HEAD = 15  # "beverages, coffee" after "coffee"
 FURTHER_SEGMENT = 2
 OTHER_ORDER = 3
 EXTRA_WORD, EXTRA_IN_BRACKETS = 10, 1
-EXTRA_OF_KIND = {
-    "plain": 1,
-    "common": 3,
-    "part": 1,
-    "unusual": 20,
-    "processed": 30,
-}  # descriptors.csv
+# descriptors.csv
+EXTRA_OF_KIND = {"plain": 1, "common": 3, "part": 1, "unusual": 20, "processed": 30}
 LONE_PART = 40  # "chicken, skin" is not chicken; "with skin" is
 BRAND_WORD, MOST_BRAND = 30, 60
 UNEXPECTED_STATE = 25
@@ -80,17 +78,16 @@ _EATEN_COOKED_GROUPS = re.compile(
 _SPECIAL_GROUPS = re.compile(r"\b(baby foods?|infant|american indian)\b", re.IGNORECASE)
 
 _PIECE = re.compile(r"[(),;]|[^(),;]+")
-_DETAILS_FOLLOW = frozenset(
-    ("with", "without", "in", "made", "prepared")
-)  # "lasagna with meat sauce" is a lasagna
+# "lasagna with meat sauce" is a lasagna
+_DETAILS_FOLLOW = frozenset(("with", "without", "in", "made", "prepared"))
 _BRAND = re.compile(r"\b[A-Z][A-Z'\u2019]{3,}\b")
 
 
 def split_words(text: str) -> list[str]:
     """Return the folded words of a text in order; [] for a text without letters or digits.
 
-    Lower case, without accents ("Äpfel" gives "apfel"). In a script without blanks each character is a word, so that
-    parts match; in all others letters stay together, as do digits.
+    Lower case, without accents ("Äpfel" gives "apfel"). In a script without blanks each character
+    is a word, so that parts match; in all others letters stay together, as do digits.
     """
     folded = _APOSTROPHES.sub("", text.casefold())
     if folded.isascii():
@@ -159,7 +156,10 @@ def typo_distance(typed: str, word: str, most: int, *, begun: bool = False) -> i
 
 @dataclass(frozen=True, slots=True)
 class QueryWord:
-    """A word as typed. typos: words of the index that may be meant instead -> number of wrong letters."""
+    """A word as typed.
+
+    typos: words of the index that may be meant instead -> number of wrong letters.
+    """
 
     word: str
     typos: Mapping[str, int]
@@ -175,7 +175,9 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A food to be ranked. labels: its name first, then aliases and codes. is_curated: from a curated table.
+    """A food to be ranked.
+
+    labels: its name first, then aliases and codes. is_curated: from a curated table.
 
     is_fndds: from FNDDS, a survey's foods as eaten. order: breaks ties, the smallest first.
     """
@@ -202,8 +204,8 @@ class Ranked:
 def rank(queries: Sequence[Query], candidates: Sequence[Candidate]) -> list[Ranked]:
     """Return the candidates that match one of the queries, best first.
 
-    queries: readings of what was typed. Among mixed dishes that the query names as a whole, those of FNDDS come first:
-    a dish as eaten defaults to FNDDS once that is imported.
+    queries: readings of what was typed. Among mixed dishes that the query names as a whole, those
+    of FNDDS come first: a dish as eaten defaults to FNDDS once that is imported.
     """
     matches = [
         match for i, food in enumerate(candidates) if (match := _best(queries, i, food)) is not None
@@ -217,8 +219,9 @@ def posting_ranks(
 ) -> dict[str, int]:
     """Return word -> rank of a food for the index: its cost for that word alone, the lowest of its labels.
 
-    Contains each form of each word and, for words at the beginning of a label, their first letter and first two letters
-    followed by a star, since such short prefixes match only at the beginning of labels.
+    Contains each form of each word and, for words at the beginning of a label, their first letter
+    and first two letters followed by a star, since such short prefixes match only at the beginning
+    of labels.
     """
     ranks: dict[str, int] = {}
     burden = _burden(name, group, state)
@@ -247,8 +250,8 @@ def label_key(label: str) -> str:
 class _Label:
     """A parsed label: each word's forms, the segment between commas that it is in, and its cost as an extra word.
 
-    places: form -> the first word that has it. text: the words, each preceded by a blank. head: the segment that names
-    the food; head_places: its words. cost: of all the words.
+    places: form -> the first word that has it. text: the words, each preceded by a blank. head: the
+    segment that names the food; head_places: its words. cost: of all the words.
     """
 
     forms: tuple[tuple[str, ...], ...]
@@ -262,7 +265,10 @@ class _Label:
     brand: int
 
     def extra_cost(self, matched: Collection[int]) -> int:
-        """Return the cost of the words that the query does not match. matched: places of those that it matches."""
+        """Return the cost of the words that the query does not match.
+
+        matched: places of those that it matches.
+        """
         return self.cost - sum([self.costs[place] for place in matched])
 
 

@@ -1,7 +1,8 @@
 """Infer the usual form on the plate and the state of a food of an imported table from its group and name.
 
-Published tables state neither. The inference is a judgement: a curated table (the starter's, a study's own) is better,
-and a person who knows the item overrules it. The patterns are for USDA's food names and groups.
+Published tables state neither. The inference is a judgement: a curated table (the starter's, a
+study's own) is better, and a person who knows the item overrules it. The patterns are for USDA's
+food names and groups.
 """
 
 import re
@@ -25,7 +26,8 @@ _DRINK = _words(
     "lemonade|eggnog|cocoa|liqueur|whiskey|vodka"
 )
 _JUICE = _words("juices?|smoothie|drink")
-# What a food is packed in or made with is not the food: pineapple in juice is not juice, ham with water not water.
+# What a food is packed in or made with is not the food: pineapple in juice is not juice, ham with
+# water not water.
 _PACKED_IN = re.compile(
     r"\b(?:(?:in|with|from|plus|of)\s[^,]*|(?:juice|water|syrup) pack(?:ed)?\b|water[- ]added|added water)",
     re.IGNORECASE,
@@ -107,8 +109,8 @@ def is_mixed_dish(name: str, group: str) -> bool:
 def is_served(part: str, name: str, form: FoodForm) -> bool:
     """Return whether a refuse part of a food of this name is usually on the plate.
 
-    A piece has its peel, core and bone, unless the name excludes them ("meat only"). Food in a heap was trimmed,
-    podded, shelled or cut first, so only pits remain.
+    A piece has its peel, core and bone, unless the name excludes them ("meat only"). Food in a heap
+    was trimmed, podded, shelled or cut first, so only pits remain.
     """
     if _FREED.search(name):
         return False

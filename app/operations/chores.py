@@ -55,7 +55,10 @@ class TrustedClock:
         self._last_tick: float | None = None
 
     def tick(self) -> datetime | None:
-        """Compare the clock with the row, then write it there. Returns the time, None while it is doubted."""
+        """Compare the clock with the row, then write it there.
+
+        Returns the time, None while it is doubted.
+        """
         running = self._running()
         ran = 0.0 if self._last_tick is None else running - self._last_tick
         self._last_tick = running

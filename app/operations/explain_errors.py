@@ -67,9 +67,8 @@ def _of_database(error: BaseException | None, *, is_away: bool, is_full: bool) -
         return UnavailableError(
             f"The database's file is damaged, or not ours: {text}. docs/backup.md: restore it."
         )
-    if (
-        _sqlite_code(error) == sqlite3.SQLITE_ERROR
-    ):  # no such table or invalid SQL: reported by the same exception class
+    # no such table or invalid SQL: reported by the same exception class
+    if _sqlite_code(error) == sqlite3.SQLITE_ERROR:
         return None
     return UnavailableError(f"The database does not answer: {text}") if is_away else None
 
@@ -103,9 +102,8 @@ def check_stores(settings: Settings) -> None:
 def _check(variable: str, store: BlobStore) -> None:
     try:
         store.check()
-        next(
-            store.keys("nobody/"), None
-        )  # orphans cannot be deleted with a key that may write but not list
+        # orphans cannot be deleted with a key that may write but not list
+        next(store.keys("nobody/"), None)
     except StoreRefusesError as error:
         raise InvalidInputError(
             f"{variable}, {error.filename}: {error.strerror}.", code="settings_invalid"

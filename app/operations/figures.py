@@ -1,8 +1,8 @@
 """The figures of the whole deployment in /metrics, read from database and store at the scrape: queue, workers, disk.
 
-Scrapes are cheap: results are cached for some seconds, at most one thread queries, and a scrape waits only briefly.
-Without a result in time those figures are left out and `tada_database_up` is 0. Each API process reports the same
-figures: take their maximum, not their sum.
+Scrapes are cheap: results are cached for some seconds, at most one thread queries, and a scrape
+waits only briefly. Without a result in time those figures are left out and `tada_database_up` is 0.
+Each API process reports the same figures: take their maximum, not their sum.
 """
 
 import threading
@@ -34,7 +34,10 @@ STATEMENT_MS = 5_000  # PostgreSQL: maximum time of a query
 
 @dataclass(frozen=True, slots=True)
 class Deployment:
-    """Figures from the database. workers: version -> number alive. began_at: its first event; None: none yet."""
+    """Figures from the database.
+
+    workers: version -> number alive. began_at: its first event; None: none yet.
+    """
 
     figures: Figures
     workers: Counter[str]

@@ -43,9 +43,8 @@ def check_readiness(database: Database, blobs: BlobStore, settings: Settings) ->
     """Check each part that an upload needs. Does not raise for a part that fails."""
     workers, oldest = 0, None
     try:
-        if (
-            schema_state(database) is not SchemaState.OLDER
-        ):  # code works with a newer schema too (docs/deployment.md)
+        # code works with a newer schema too (docs/deployment.md)
+        if schema_state(database) is not SchemaState.OLDER:
             state = "ok"
             workers = len(living_workers(database))
             with database.read() as session:

@@ -36,9 +36,9 @@ def prepare_patiently(
 ) -> None:
     """Prepare like `prepare`, but wait for a database and a store that start a little later than this process.
 
-    Exiting and being restarted would cost seconds of a core per attempt, while other processes restart too.
-    first: called before, at each attempt (prepare_apart.py). Raises the last error of `prepare` when the patience is
-    over or if waiting does not help.
+    Exiting and being restarted would cost seconds of a core per attempt, while other processes
+    restart too. first: called before, at each attempt (prepare_apart.py). Raises the last error of
+    `prepare` when the patience is over or if waiting does not help.
     """
     deadline, wait = time.monotonic() + patience_seconds, FIRST_WAIT_SECONDS
     while True:

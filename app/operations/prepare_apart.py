@@ -1,6 +1,7 @@
 """Run `prepare` in a separate process: `python -m app.operations.prepare_apart PARENT_PID`.
 
-A server would otherwise keep the memory that migrations and the starter food table need once (40 MB).
+A server would otherwise keep the memory that migrations and the starter food table need once (40
+MB).
 """
 
 import os
@@ -24,10 +25,11 @@ BUSY = 75  # exit status (EX_TEMPFAIL)
 def prepare_apart(database: Database, settings: Settings) -> None:
     """Run the process if schema or starter table are not up to date.
 
-    Most errors in it are not reported: the caller runs `prepare` afterwards, which raises the same error. Raises
-    MigrationBusyError if another process was migrating for the whole patience, so that the caller need not wait again;
-    UnavailableError if a signal ended the process (such as for lack of memory, which this process would then need and
-    keep); OSError if it cannot be started; errors of the database.
+    Most errors in it are not reported: the caller runs `prepare` afterwards, which raises the same
+    error. Raises MigrationBusyError if another process was migrating for the whole patience, so
+    that the caller need not wait again; UnavailableError if a signal ended the process (such as for
+    lack of memory, which this process would then need and keep); OSError if it cannot be started;
+    errors of the database.
     """
     if is_current(database) and is_starter_there(database):
         return

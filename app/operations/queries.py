@@ -14,12 +14,8 @@ from app.meals.stored.models import Meal, MealImage
 from app.outbox.models import Webhook, WebhookDelivery
 from app.people.privacy_models import IS_BACKUP, AuditEvent, BlobDeletion
 
-OPEN_STATUSES = (
-    "receiving",
-    "queued",
-    "processing",
-    "needs_review",
-)  # of meals that are not finished
+# of meals that are not finished
+OPEN_STATUSES = ("receiving", "queued", "processing", "needs_review")
 COUNTED_AT_MOST = 100_000  # rows of one kind; counting stops here
 PG_SETTINGS = (
     "server_version_num",
@@ -44,7 +40,10 @@ class FilesWaiting:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Numbers of pending things and their ages. Times: of the database's clock; None if nothing is pending."""
+    """Numbers of pending things and their ages.
+
+    Times: of the database's clock; None if nothing is pending.
+    """
 
     now: datetime
     meals: Mapping[str, int]  # by status, OPEN_STATUSES only
@@ -135,7 +134,9 @@ def _oldest(session: Session, times: sa.Select[datetime]) -> datetime | None:
 
 @dataclass(frozen=True, slots=True)
 class LastBackup:
-    """The last completed `tada backup`. damaged: blobs that it lacks because they were damaged or missing.
+    """The last completed `tada backup`.
+
+    damaged: blobs that it lacks because they were damaged or missing.
 
     piped: it was sent to another program, which may not have stored it.
     """

@@ -1,7 +1,7 @@
 """Write deliveries for each webhook that subscribes to an event, in the event's own transaction.
 
-The payload is fixed here, so that it describes the state at the time of the event; if the transaction fails, nothing is
-sent. Workers send deliveries (webhooks/deliver_webhooks.py).
+The payload is fixed here, so that it describes the state at the time of the event; if the
+transaction fails, nothing is sent. Workers send deliveries (webhooks/deliver_webhooks.py).
 """
 
 import uuid
@@ -26,7 +26,8 @@ def announce(
 ) -> None:
     """Announce an event to the study's webhooks. data: ids, codes, days and counts only.
 
-    meal_id, participant_id: the subject, by which an erasure finds the delivery; None if its row is about to be erased.
+    meal_id, participant_id: the subject, by which an erasure finds the delivery; None if its row is
+    about to be erased.
     """
     subscribers = [
         hook

@@ -1,7 +1,8 @@
 """Measure a phone's camera from photographs of the board, for its later meals; keep rigs; list and withdraw both.
 
-The photographs are not kept. A bad calibration would spoil every later meal, so a doubtful one is refused. Rigs are
-calibrated elsewhere (`tada calibrate --rig`) and sent by a phone for itself, or by staff for a study's phones.
+The photographs are not kept. A bad calibration would spoil every later meal, so a doubtful one is
+refused. Rigs are calibrated elsewhere (`tada calibrate --rig`) and sent by a phone for itself, or
+by staff for a study's phones.
 """
 
 import uuid
@@ -30,9 +31,11 @@ from app.vision.rig import rig_from_mapping
 
 MIN_PHOTOGRAPHS, MAX_PHOTOGRAPHS = 3, 30
 SECONDS = 90.0  # thirty photographs of 12 megapixels take about twenty
-MAX_RMS_PX_AT_12MP = 1.0  # twice the error of phones and flat boards (vision/board/calibration.py); more: a bent board
+# twice the error of phones and flat boards (vision/board/calibration.py); more: a bent board
+MAX_RMS_PX_AT_12MP = 1.0
 LONG_SIDE_12MP = 4000.0
-MIN_REACH = 0.5  # half diagonals; a plate beside the marker fills more than the middle quarter of the picture
+# half diagonals; a plate beside the marker fills more than the middle quarter of the picture
+MIN_REACH = 0.5
 MAX_PER_DEVICE = 100
 MAX_STUDY_RIGS = 100  # in use: one per model of phone, and some to spare
 # not the participant's alias, which only the audit log and the participant's row hold
@@ -53,14 +56,20 @@ class RejectedPhotograph(BaseModel):
 
 
 class CalibrationFailure(BaseModel):
-    """The child's result if there is no calibration. photo: index of the photograph that caused it."""
+    """The child's result if there is no calibration.
+
+    photo: index of the photograph that caused it.
+    """
 
     failure: Failure
     photo: int | None
 
 
 class CalibrationFit(BaseModel):
-    """The child's result. reach: how far from the middle corners were seen, in half diagonals of the picture."""
+    """The child's result.
+
+    reach: how far from the middle corners were seen, in half diagonals of the picture.
+    """
 
     failure: None
     camera: CameraIn
@@ -95,7 +104,8 @@ def calibrate_device(
     """Measure the camera and store the calibration. marker: None for the study's.
 
     Raises InvalidInputError (its code tells what is wrong with the photographs), ConflictError
-    (`calibrations_too_many`), GoneError (left the study meanwhile), UnavailableError (`server_busy`), PhotographError.
+    (`calibrations_too_many`), GoneError (left the study meanwhile), UnavailableError
+    (`server_busy`), PhotographError.
     """
     if not MIN_PHOTOGRAPHS <= len(files) <= MAX_PHOTOGRAPHS:
         raise InvalidInputError(
@@ -155,7 +165,8 @@ def calibrate_device(
 def keep_own_rig(database: Database, caller: DeviceCaller, rig: RigIn) -> CameraCalibration:
     """Keep a phone's own rig.
 
-    Raises InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError (`calibrations_too_many`), GoneError.
+    Raises InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError
+    (`calibrations_too_many`), GoneError.
     """
     row = _rig_row(rig, AUTHOR_PHONE)
     with database.write() as session:
@@ -179,7 +190,8 @@ def keep_study_rig(
 ) -> CameraCalibration:
     """Keep a rig for a study's phones of a model, or for all of them.
 
-    Raises NotFoundError, InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError (`rigs_too_many`).
+    Raises NotFoundError, InvalidInputError (`rig_invalid`, `camera_invalid`), ConflictError
+    (`rigs_too_many`).
     """
     row = _rig_row(rig, caller.name)
     with database.write() as session:
@@ -203,7 +215,10 @@ def keep_study_rig(
 
 
 def rig_details(rig: RigIn) -> RigDetails:
-    """Return a request's rig as stored. Raises InvalidInputError (`rig_invalid`, `camera_invalid`)."""
+    """Return a request's rig as stored.
+
+    Raises InvalidInputError (`rig_invalid`, `camera_invalid`).
+    """
     details = rig.model_dump(mode="json", include={"left", "right", "R", "t_mm"})
     rig_from_mapping(details)
     return cast("RigDetails", details)
@@ -244,7 +259,9 @@ def study_calibrations(
 def withdraw_calibration(
     database: Database, caller: Caller, calibration_id: uuid.UUID
 ) -> CameraCalibration:
-    """Withdraw a calibration, so that the phone uses the one before it. Repeating it changes nothing.
+    """Withdraw a calibration, so that the phone uses the one before it.
+
+    Repeating it changes nothing.
 
     Raises NotFoundError, NotAllowedError.
     """

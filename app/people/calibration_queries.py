@@ -31,7 +31,10 @@ def newest_rig_of_device(
 def newest_rig_of_study(
     session: Session, study_id: uuid.UUID, model: str | None, before: datetime | None
 ) -> CameraCalibration | None:
-    """Return the rig that staff sent for the study's phones of this model; None: for all. before: kept by then."""
+    """Return the rig that staff sent for the study's phones of this model; None: for all.
+
+    before: kept by then.
+    """
     of_study = CameraCalibration.study_id == study_id, CameraCalibration.model == model
     return _newest(session, *_rigs_by(before), *of_study)
 

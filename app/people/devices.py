@@ -61,7 +61,10 @@ class NewDevice:
 
 @dataclass(frozen=True, slots=True)
 class IssuedDevice:
-    """A device's token. study, participant: their codes. is_new: False if the phone asks again with its secret."""
+    """A device's token.
+
+    study, participant: their codes. is_new: False if the phone asks again with its secret.
+    """
 
     token: str
     device_id: uuid.UUID
@@ -106,9 +109,10 @@ def enrol_device(
 ) -> IssuedDevice:
     """Exchange a code for a device's token, once; the phone that used it gets the same token again.
 
-    secret: drawn by the phone. The token is derived from it under the server's key, so that nobody but this phone can
-    ask again, as long as the token is valid. Raises NotFoundError for an unknown, used or expired code, and for a
-    secret whose token has ended, also with a sandbox's code.
+    secret: drawn by the phone. The token is derived from it under the server's key, so that nobody
+    but this phone can ask again, as long as the token is valid. Raises NotFoundError for an
+    unknown, used or expired code, and for a secret whose token has ended, also with a sandbox's
+    code.
     """
     token = (
         new_token() if secret is None else token_of(box.digest("device.token", f"{code}\0{secret}"))
@@ -118,9 +122,8 @@ def enrol_device(
         participant = privacy.join_participant(
             session, people.participant_of_code(session, sha256_hex(code))
         )
-        is_taken = (
-            people.take_enrolment(session, sha256_hex(code), now) is not None
-        )  # a sandbox's, time and again
+        # a sandbox's, time and again
+        is_taken = people.take_enrolment(session, sha256_hex(code), now) is not None
         token_sha256 = sha256_hex(token)
         issued = people.find_token(session, token_sha256, now, idle_since=now)
         is_new = is_taken and not people.is_token_used(

@@ -1,7 +1,8 @@
 """A study's policy on where meals were eaten, applied before anything is sealed.
 
-"drop": nothing is kept. "round": latitude and longitude, from the metadata or else from the photographs' tags, to some
-decimals of a degree; the tags are removed. "keep": the metadata and the tags are kept.
+"drop": nothing is kept. "round": latitude and longitude, from the metadata or else from the
+photographs' tags, to some decimals of a degree; the tags are removed. "keep": the metadata and the
+tags are kept.
 """
 
 import uuid
@@ -61,8 +62,9 @@ def policy_of(study: Study) -> LocationPolicy:
 class FilesWithPlaces:
     """Invalidates a study's files that may contain places when the study changes its policy to "drop".
 
-    take_back: a function of each domain that makes such files. From then on queries leave out places, finished exports
-    expire and running ones start again. Frozen releases keep their places; datapackage.json tells the number of meals.
+    take_back: a function of each domain that makes such files. From then on queries leave out
+    places, finished exports expire and running ones start again. Frozen releases keep their places;
+    datapackage.json tells the number of meals.
     """
 
     take_back: Sequence[Callable[[Session, uuid.UUID], object]]

@@ -12,9 +12,8 @@ from app.people.profiles import Profile
 
 LocationPolicy = Literal["drop", "round", "keep"]
 LOCATION_POLICIES: tuple[LocationPolicy, ...] = get_args(LocationPolicy)
-WithdrawalPolicy = Literal[
-    "keep", "anonymise", "erase"
-]  # each does all that the one before it does
+# each does all that the one before it does
+WithdrawalPolicy = Literal["keep", "anonymise", "erase"]
 WITHDRAWAL_POLICIES: tuple[WithdrawalPolicy, ...] = get_args(WithdrawalPolicy)
 Locale = Literal["en", "de", "es", "zh"]
 LOCALES: tuple[Locale, ...] = get_args(Locale)
@@ -54,8 +53,9 @@ class RigDetails(TypedDict):
 class CameraCalibration(Base):
     """A calibration; of each kind a phone uses its newest one that is not withdrawn.
 
-    rig: of the kind "rig"; camera is then its left one. device_id: NULL if staff sent it for the phones of study_id,
-    all of them or those of a model. rms_px: reprojection error of the board's corners. photographs: number used.
+    rig: of the kind "rig"; camera is then its left one. device_id: NULL if staff sent it for the
+    phones of study_id, all of them or those of a model. rms_px: reprojection error of the board's
+    corners. photographs: number used.
     """
 
     __tablename__ = "camera_calibration"
@@ -76,15 +76,18 @@ class CameraCalibration(Base):
 
 
 class Study(Base):
-    """A study and its protocol. change_seq: counter of changes, locked until commit so that readers miss none.
+    """A study and its protocol.
 
-    camera: intrinsics for meals whose metadata and device have none. after_window_minutes: how long an after-meal pair
-    is expected after the meal began. day_starts_minutes: after midnight; an earlier meal belongs to the day before.
-    retention_days: photographs and derived pictures are deleted so many days after upload; NULL: they stay.
-    shares_index: this study's confirmed items also help to identify foods of other studies. web_origins: of web apps
-    that its participants may use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none.
-    is_sandbox: for authors of apps, never for real participants
-    (docs/sandbox.md); it never changes. version grows with every change of the protocol.
+    change_seq: counter of changes, locked until commit so that readers miss none.
+
+    camera: intrinsics for meals whose metadata and device have none. after_window_minutes: how long
+    an after-meal pair is expected after the meal began. day_starts_minutes: after midnight; an
+    earlier meal belongs to the day before. retention_days: photographs and derived pictures are
+    deleted so many days after upload; NULL: they stay. shares_index: this study's confirmed items
+    also help to identify foods of other studies. web_origins: of web apps that its participants may
+    use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none. is_sandbox: for authors
+    of apps, never for real participants (docs/sandbox.md); it never changes. version grows with
+    every change of the protocol.
     """
 
     __tablename__ = "study"
@@ -92,9 +95,8 @@ class Study(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     code: Mapped[str] = mapped_column(sa.String(64), unique=True)
     name: Mapped[str] = mapped_column(sa.String(200))
-    marker: Mapped[str | None] = mapped_column(
-        sa.String(64)
-    )  # the board that its participants were given
+    # the board that its participants were given
+    marker: Mapped[str | None] = mapped_column(sa.String(64))
     camera: Mapped[CameraDetails | None] = mapped_column(JsonValue)
     expects_after_pair: Mapped[bool] = mapped_column(default=False)
     after_window_minutes: Mapped[int] = mapped_column(default=240)
@@ -127,8 +129,9 @@ class Study(Base):
 class Participant(Base):
     """A person in a study, by pseudonymous code only.
 
-    alias: the participant's name in the audit log; only this row connects it to a person. starts_on: local day that is
-    the participant's study day 1; NULL: the day of the first meal. profile: NULL if nothing is known.
+    alias: the participant's name in the audit log; only this row connects it to a person.
+    starts_on: local day that is the participant's study day 1; NULL: the day of the first meal.
+    profile: NULL if nothing is known.
     """
 
     __tablename__ = "participant"
@@ -146,7 +149,10 @@ class Participant(Base):
 
 
 class Device(Base):
-    """A phone of a participant. clock_skew_seconds: its clock minus the server's, at last_used_at."""
+    """A phone of a participant.
+
+    clock_skew_seconds: its clock minus the server's, at last_used_at.
+    """
 
     __tablename__ = "device"
     personal = Personal(("participant_id",), "devices")
@@ -163,7 +169,10 @@ class Device(Base):
 
 
 class Staff(Base):
-    """A person who runs the server or works with the data. password_hash: Argon2; NULL: can use tokens only."""
+    """A person who runs the server or works with the data.
+
+    password_hash: Argon2; NULL: can use tokens only.
+    """
 
     __tablename__ = "staff"
 
@@ -212,8 +221,8 @@ class Enrolment(Base):
 class AccessToken(Base):
     """An opaque bearer token of a device or of a staff member; only its SHA-256 is stored.
 
-    kind: of a device, of a session, or created by a staff member for scripts. scope and study_id restrict a personal
-    token to reading or to one study.
+    kind: of a device, of a session, or created by a staff member for scripts. scope and study_id
+    restrict a personal token to reading or to one study.
     """
 
     __tablename__ = "access_token"
@@ -260,11 +269,14 @@ class SignInAttempt(Base):
 
 
 class PushSubscription(Base):
-    """Where and when a phone is reminded. endpoint: of the browser's push service, an address that the phone gave.
+    """Where and when a phone is reminded.
 
-    times: the participant's own, "HH:MM"; NULL: the study's. quiet_*: no reminder of the study's between them, minutes
-    after midnight; both equal: never quiet. next_at: the next reminder; NULL: no times, or
-    to be computed. after_reminded_at: the end of the last after-meal window of which the phone was reminded.
+    endpoint: of the browser's push service, an address that the phone gave.
+
+    times: the participant's own, "HH:MM"; NULL: the study's. quiet_*: no reminder of the study's
+    between them, minutes after midnight; both equal: never quiet. next_at: the next reminder; NULL:
+    no times, or to be computed. after_reminded_at: the end of the last after-meal window of which
+    the phone was reminded.
     """
 
     __tablename__ = "push_subscription"

@@ -52,9 +52,8 @@ def create_participant(
         study = load_study(session, study_code)
         if people.find_participant(session, study.id, code) is not None:
             raise conflict
-        if is_code_spent(
-            session, box, study.id, code
-        ):  # after looking for the row: an erasure of it spends the code
+        # after looking for the row: an erasure of it spends the code
+        if is_code_spent(session, box, study.id, code):
             raise ConflictError(
                 f"The code {code!r} belonged to a participant who has left study {study_code!r}: use another code.",
                 code="participant_code_spent",
@@ -176,7 +175,10 @@ def _check_profile(profile: Profile, current_year: int) -> None:
 
 
 def require_in_study(session: Session, participant_id: uuid.UUID) -> Participant:
-    """Return a participant who is in the study, locked against withdrawal until commit. Raises GoneError."""
+    """Return a participant who is in the study, locked against withdrawal until commit.
+
+    Raises GoneError.
+    """
     participant = join_participant(session, participant_id)
     if participant is None or participant.withdrawn_at is not None:
         raise withdrawn_error()

@@ -12,9 +12,8 @@ PAPERS_MM = {"A4": (210.0, 297.0), "A3": (297.0, 420.0)}  # width, height, uprig
 PRINTABLE_MARGIN_MM = 6.0  # what most office printers leave white
 RULER_MM = 100.0
 FOOTER_MM = 30.0  # ruler and text
-Rectangle = tuple[
-    float, float, float, float, Colour
-]  # x, y of the upper left corner from the print's, width, height
+# x, y of the upper left corner from the print's, width, height
+Rectangle = tuple[float, float, float, float, Colour]
 WHITE: Colour = (255, 255, 255)
 INSTRUCTION = (
     'Print at 100 % ("actual size"). Check that the ruler is 100 mm long. '
@@ -25,7 +24,8 @@ INSTRUCTION = (
 def render_marker_pdf(spec: MarkerSpec) -> bytes:
     """Draw one page with the board in its middle as vectors, with at least its own white margin.
 
-    The page is A4, or A3 if the board needs it, upright or turned. Raises InvalidInputError (`marker_too_large`).
+    The page is A4, or A3 if the board needs it, upright or turned. Raises InvalidInputError
+    (`marker_too_large`).
     """
     page_mm = _page_mm(spec)
     pdf = FPDF(unit="mm", format=page_mm)

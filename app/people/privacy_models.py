@@ -18,9 +18,8 @@ ErasedKind = Literal["participant", "meal", "photographs"]
 ErasurePolicy = Literal["keep", "anonymise", "erase", "retention"]
 ERASED_KINDS: tuple[ErasedKind, ...] = get_args(ErasedKind)
 
-IS_BACKUP = sa.text(
-    f"action = '{BACKUP_MADE}'"
-)  # with a bound parameter, queries would not match the index
+# with a bound parameter, queries would not match the index
+IS_BACKUP = sa.text(f"action = '{BACKUP_MADE}'")
 
 BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up INTEGER keys only
 
@@ -28,8 +27,9 @@ BigId = sa.BigInteger().with_variant(sa.Integer(), "sqlite")  # SQLite counts up
 class AuditEvent(Base):
     """A read of a photograph or a change. Append-only: the database refuses UPDATE and DELETE.
 
-    People and their meals appear only by alias (Participant.alias, Meal.alias): once the row with the alias is erased,
-    the event is anonymous. study_id has no foreign key, so that events outlive what they refer to.
+    People and their meals appear only by alias (Participant.alias, Meal.alias): once the row with
+    the alias is erased, the event is anonymous. study_id has no foreign key, so that events outlive
+    what they refer to.
     """
 
     __tablename__ = "audit_event"
@@ -38,13 +38,11 @@ class AuditEvent(Base):
     at: Mapped[datetime]
     study_id: Mapped[uuid.UUID | None]
     actor_kind: Mapped[ActorKind] = mapped_column(sa.String(16))
-    actor: Mapped[str] = mapped_column(
-        sa.String(200)
-    )  # a staff member's name, a participant's alias, or "system"
+    # a staff member's name, a participant's alias, or "system"
+    actor: Mapped[str] = mapped_column(sa.String(200))
     action: Mapped[str] = mapped_column(sa.String(64))  # such as "photograph.read", "study.change"
-    subject: Mapped[str | None] = mapped_column(
-        sa.String(200)
-    )  # alias or id of the person or object concerned
+    # alias or id of the person or object concerned
+    subject: Mapped[str | None] = mapped_column(sa.String(200))
     details: Mapped[dict[str, object]] = mapped_column(JsonValue)
     request_id: Mapped[str | None] = mapped_column(sa.String(32))
 
@@ -60,8 +58,9 @@ class AuditEvent(Base):
 class Tombstone(Base):
     """The digest of something that was erased, which identifies it only to those who know its id.
 
-    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record, day: SHA-256 of the item's
-    or day's id, with the study's change_seq, so that clients that pulled it learn of its deletion.
+    participant, meal, token: HMAC-SHA-256 of the id under the server's secret key. record, day:
+    SHA-256 of the item's or day's id, with the study's change_seq, so that clients that pulled it
+    learn of its deletion.
     """
 
     __tablename__ = "tombstone"
@@ -106,8 +105,8 @@ class ErasureReceipt(Base):
 class Deployment(Base):
     """The one row about the deployment: by it a wrong secret key and a wrong clock are found before they do harm.
 
-    key_check: a digest by the secret key, to compare keys by. clock_at: the clock as a worker last saw it.
-    clock_doubted_seconds: for which the workers must still run until the clock is trusted.
+    key_check: a digest by the secret key, to compare keys by. clock_at: the clock as a worker last
+    saw it. clock_doubted_seconds: for which the workers must still run until the clock is trusted.
     """
 
     __tablename__ = "deployment"

@@ -34,7 +34,10 @@ class AuditFilter:
 
 @dataclass(frozen=True, slots=True)
 class AuditRow:
-    """An event of the audit log. study: its study's code; None if it belongs to no existing study."""
+    """An event of the audit log.
+
+    study: its study's code; None if it belongs to no existing study.
+    """
 
     id: int
     at: datetime
@@ -76,7 +79,10 @@ def end_enrolments(session: Session, participant_id: uuid.UUID) -> None:
 
 
 def end_tokens(session: Session, participant_id: uuid.UUID) -> list[str]:
-    """Delete the tokens of a participant's devices, and their reminders. Returns the tokens' SHA-256."""
+    """Delete the tokens of a participant's devices, and their reminders.
+
+    Returns the tokens' SHA-256.
+    """
     devices = sa.select(Device.id).where(Device.participant_id == participant_id)
     session.execute(sa.delete(PushSubscription).where(PushSubscription.device_id.in_(devices)))
     return list(

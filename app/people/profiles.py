@@ -24,7 +24,10 @@ PROFILE_KEYS = tuple(Profile.__annotations__)
 
 
 def person_at_age(profile: Profile, age_years: float) -> Person:
-    """Return the person of a profile. Raises ValueError if the profile contradicts itself at this age."""
+    """Return the person of a profile.
+
+    Raises ValueError if the profile contradicts itself at this age.
+    """
     height_cm = profile.get("height_cm")
     return Person(
         age_years=age_years,

@@ -42,9 +42,8 @@ _TOKEN = (  # built once, since every request uses it
     )
 )
 
-MEAL = sa.table(
-    "meal", sa.column("study_id", sa.Uuid())
-)  # the models of meals, a higher domain, cannot be imported
+# the models of meals, a higher domain, cannot be imported
+MEAL = sa.table("meal", sa.column("study_id", sa.Uuid()))
 
 
 def find_token(
@@ -59,7 +58,10 @@ def find_token(
 
 
 def is_token_used(session: Session, token_sha256: str, tombstone: str) -> bool:
-    """Return true if a token was ever issued. tombstone: the digest that it has if its participant was erased."""
+    """Return true if a token was ever issued.
+
+    tombstone: the digest that it has if its participant was erased.
+    """
     issued = sa.select(AccessToken.id).where(AccessToken.token_sha256 == token_sha256)
     return (
         session.scalar(issued) is not None
@@ -157,7 +159,10 @@ def unschedule_reminders(session: Session, study_id: uuid.UUID) -> None:
 def find_participant(
     session: Session, study_id: uuid.UUID, code: str, *, lock: bool = False
 ) -> Participant | None:
-    """Return the participant with a code in a study. lock: nobody else changes the row until commit."""
+    """Return the participant with a code in a study.
+
+    lock: nobody else changes the row until commit.
+    """
     query = sa.select(Participant).where(Participant.study_id == study_id, Participant.code == code)
     return session.scalars(_locked(query, lock)).one_or_none()
 
@@ -352,7 +357,8 @@ def note_device(
 ) -> None:
     """Store when a phone was last used, its clock's skew and, if given, its app's version.
 
-    It runs after the request, so a phone that the request revoked, or anonymised, is left unchanged.
+    It runs after the request, so a phone that the request revoked, or anonymised, is left
+    unchanged.
     """
     values: dict[str, object] = {"last_used_at": at, "clock_skew_seconds": clock_skew_seconds}
     if app_version is not None:

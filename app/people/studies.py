@@ -100,8 +100,8 @@ def change_study(
 ) -> Study:
     """Change the protocol. expected: versions that the change may be made from; None: any.
 
-    Raises NotFoundError, PreconditionFailedError (changed since), InvalidInputError (a protocol that contradicts
-    itself), ConflictError (`day_start_fixed`: meals already have a local day).
+    Raises NotFoundError, PreconditionFailedError (changed since), InvalidInputError (a protocol
+    that contradicts itself), ConflictError (`day_start_fixed`: meals already have a local day).
     """
     with database.write() as session:
         study = load_study(session, code, lock=True)
@@ -136,7 +136,10 @@ def change_study(
 
 
 def enter_study(session: Session, caller: Caller, code: str) -> Study:
-    """Return a study that the caller may enter. Raises NotFoundError, NotAllowedError (`role_too_low`)."""
+    """Return a study that the caller may enter.
+
+    Raises NotFoundError, NotAllowedError (`role_too_low`).
+    """
     study = load_study(session, code)
     require_study(caller, study.id)
     return study

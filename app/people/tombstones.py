@@ -1,6 +1,7 @@
 """What is remembered of erased participants and meals: digests that identify nobody.
 
-A spent code cannot be used again in its study: data that were pulled under it could belong to two persons.
+A spent code cannot be used again in its study: data that were pulled under it could belong to two
+persons.
 """
 
 import uuid
@@ -16,15 +17,15 @@ from app.people.models import Participant, WithdrawalPolicy
 from app.people.privacy_models import SpentCode
 
 Kind = Literal["participant", "meal"]
-MEAL_NAMESPACE = uuid.UUID(
-    "6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1"
-)  # drawn once; internal ids of meals derive from it
+# drawn once; internal ids of meals derive from it
+MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")
 
 
 def digest_of(box: SecretBox, kind: Kind, policy: WithdrawalPolicy, subject_id: uuid.UUID) -> str:
     """Return the digest of a participant or a meal in the ledger and in tombstones.
 
-    Each policy gives another digest: a participant whose data were kept may be erased later, and the ledger has both.
+    Each policy gives another digest: a participant whose data were kept may be erased later, and
+    the ledger has both.
     """
     return box.digest(kind if kind == "meal" else f"{kind}.{policy}", str(subject_id))
 

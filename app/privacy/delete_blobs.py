@@ -30,9 +30,8 @@ log = structlog.get_logger()
 BATCH = 200
 # then the store is at fault, not a blob, and the rest waits for the next run
 MAX_CONSECUTIVE_FAULTS = 3
-ORPHAN_GRACE = timedelta(
-    hours=24
-)  # far longer than an upload or an estimate takes from sealing to commit
+# far longer than an upload or an estimate takes from sealing to commit
+ORPHAN_GRACE = timedelta(hours=24)
 KEYS_COMPARED_AT_ONCE = 10_000
 MAX_LOOKUPS = 1000  # keys looked up one by one; for further ones the listing decides
 
@@ -49,9 +48,12 @@ class BlobDeleter:
         self._log_may_hold_erased = True
 
     def delete_scheduled(self) -> int:
-        """Delete the blobs that erasures have scheduled. Returns the number of deletions carried out.
+        """Delete the blobs that erasures have scheduled.
 
-        Raises OSError if the store does not delete a blob; its deletion stays scheduled and does not block the others.
+        Returns the number of deletions carried out.
+
+        Raises OSError if the store does not delete a blob; its deletion stays scheduled and does
+        not block the others.
         """
         total = 0
         while True:
@@ -77,8 +79,8 @@ class BlobDeleter:
     def orphan_batches(self, grace: timedelta = ORPHAN_GRACE) -> Iterator[int]:
         """Delete blobs older than the grace time that no row names; yield the number after each batch of the listing.
 
-        Orphans come from uploads that failed after sealing, workers that continued an erased job, and stores restored
-        from a backup. They may belong to a meal whose other blobs are named.
+        Orphans come from uploads that failed after sealing, workers that continued an erased job,
+        and stores restored from a backup. They may belong to a meal whose other blobs are named.
         """
         before, foreign = datetime.now(UTC) - grace, 0
         old = (blob.key for blob in self._blobs.keys() if blob.stored_at < before)  # noqa: SIM118  # not a mapping
@@ -98,8 +100,8 @@ class BlobDeleter:
     def _delete_orphans(self, keys: Sequence[str], before: datetime) -> int:
         """Check keys again and delete the orphans: a photograph sent again meanwhile is younger, or has a row.
 
-        The keys are spent in one short transaction before the first blob is deleted, so that a process that has just
-        sealed one of them cannot name it (docs/storage.md).
+        The keys are spent in one short transaction before the first blob is deleted, so that a
+        process that has just sealed one of them cannot name it (docs/storage.md).
         """
         old = [key for key in keys if self._is_old(key, before)]
         if not old:  # usual: no write transaction, so that other writers need not wait
@@ -223,7 +225,10 @@ class OrphanRounds:
         self._round: Iterator[int] | None = None
 
     def run_slice(self) -> int:
-        """Begin a round if it is due and this worker is the oldest, or continue one. Returns the orphans deleted."""
+        """Begin a round if it is due and this worker is the oldest, or continue one.
+
+        Returns the orphans deleted.
+        """
         if self._round is None:
             if self._clock() < self._due or not self._is_oldest_worker():
                 return 0

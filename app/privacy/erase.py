@@ -52,7 +52,10 @@ class Eraser:
     def erase_meal(
         self, caller: Caller, client_id: uuid.UUID, participant_code: str | None = None
     ) -> ErasureReceipt:
-        """Erase a meal and all its rows; concurrent calls get one receipt. Raises NotFoundError, ConflictError."""
+        """Erase a meal and all its rows; concurrent calls get one receipt.
+
+        Raises NotFoundError, ConflictError.
+        """
         with self.database.read() as session:
             meal_id = find_meal(session, caller, client_id, participant_code)[0].id
         erasure = self.intend("meal", "erase", meal_id)
@@ -62,9 +65,9 @@ class Eraser:
     def intend(self, kind: Kind, policy: WithdrawalPolicy, subject_id: uuid.UUID) -> Erasure:
         """Write an erasure to the ledger; from then on it will be carried out.
 
-        An entry that exists already is returned, so that a request repeated after a crash gets the same receipt as a
-        restore would. Concurrent requests get the same receipt id too, since it is derived from the digest; only the
-        time of the entry is that of the last writer.
+        An entry that exists already is returned, so that a request repeated after a crash gets the
+        same receipt as a restore would. Concurrent requests get the same receipt id too, since it
+        is derived from the digest; only the time of the entry is that of the last writer.
         """
         digest = digest_of(self.box, kind, policy, subject_id)
         with contextlib.suppress(BlobMissingError):
@@ -77,7 +80,10 @@ class Eraser:
     def carry_out_on_meal(
         self, erasure: Erasure, meal_id: uuid.UUID, caller: Caller | None
     ) -> ErasureReceipt | None:
-        """Erase a meal; None if it no longer exists. caller None: the server itself, after a restore or a crash."""
+        """Erase a meal; None if it no longer exists.
+
+        caller None: the server itself, after a restore or a crash.
+        """
         with self.database.write() as session:
             meal = meals.lock_meal(session, meal_id)
             if meal is None:
@@ -106,9 +112,12 @@ class Eraser:
 def erase_meals(
     session: Session, study_id: uuid.UUID, meals: Collection[Meal], query: Ids, erasure: Erasure
 ) -> dict[str, int]:
-    """Delete the rows of locked meals and schedule their blobs. query: the meals' ids. Returns rows deleted by table.
+    """Delete the rows of locked meals and schedule their blobs.
 
-    All blobs below `study/meal/` are deleted, also those that an upload or a run sealed but never committed.
+    query: the meals' ids. Returns rows deleted by table.
+
+    All blobs below `study/meal/` are deleted, also those that an upload or a run sealed but never
+    committed.
     """
     folders = {f"{study_id}/{meal.id}/" for meal in meals}
     keys = privacy.blob_keys_of(session, query)
@@ -129,7 +138,10 @@ def erase_meals(
 
 
 def erase_pictures(session: Session, query: Ids, now: datetime) -> dict[str, int]:
-    """Erase photographs and derived pictures of locked meals; measurements stay. Returns the counts."""
+    """Erase photographs and derived pictures of locked meals; measurements stay.
+
+    Returns the counts.
+    """
     photographs = privacy.mark_images_erased(session, query, now)
     derived = privacy.delete_artefacts(session, query)
     people_privacy.schedule_deletion(session, [*photographs, *derived], now)
@@ -193,7 +205,10 @@ def erase_person_from_files(
     participant_code: str,
     renamed: tuple[str, uuid.UUID] | None,
 ) -> None:
-    """Erase or anonymise a participant, whom files identify by code. renamed: new code and seed of new meal ids."""
+    """Erase or anonymise a participant, whom files identify by code.
+
+    renamed: new code and seed of new meal ids.
+    """
     exports.erase_from_exports(session, study_id, participant_code)
     deed: releases.Deed = "erase" if renamed is None else "anonymise"
     releases.erase_from_releases(
@@ -202,7 +217,10 @@ def erase_person_from_files(
 
 
 def announce_meal_deletion(session: Session, meal: Meal) -> None:
-    """Announce that a meal is about to be erased. Its id is sent as SHA-256, which only holders of the id recognise."""
+    """Announce that a meal is about to be erased.
+
+    Its id is sent as SHA-256, which only holders of the id recognise.
+    """
     participant = session.get_one(Participant, meal.participant_id)
     digest = hashlib.sha256(str(meal.client_id).encode()).hexdigest()
     announce(
@@ -219,8 +237,8 @@ def announce_withdrawal(
 ) -> None:
     """Announce that a participant leaves the study.
 
-    The delivery outlives the participant's rows, so it does not refer to them; its payload is removed once it is
-    delivered (webhooks/deliver_webhooks.py).
+    The delivery outlives the participant's rows, so it does not refer to them; its payload is
+    removed once it is delivered (webhooks/deliver_webhooks.py).
     """
     announce(
         session,

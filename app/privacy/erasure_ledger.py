@@ -1,8 +1,8 @@
 """The ledger of erasures, which is not part of backups: after a restore, its erasures are carried out again.
 
-Each erasure is one small blob, `kind/digest`, with the digest of the id under the server's secret key, so that the
-ledger identifies nobody. It is written before the erasure's transaction; if the process crashes in between, the next
-start carries out the erasure (privacy/reapply_erasures.py).
+Each erasure is one small blob, `kind/digest`, with the digest of the id under the server's secret
+key, so that the ledger identifies nobody. It is written before the erasure's transaction; if the
+process crashes in between, the next start carries out the erasure (privacy/reapply_erasures.py).
 """
 
 import json
@@ -56,7 +56,10 @@ class ErasureLedger:
                 yield blob.key.removeprefix(f"{kind}/")
 
     def read(self, kind: Kind, digest: str) -> Erasure:
-        """Read an erasure. Raises BlobMissingError, SecretKeyError if it was written under another key."""
+        """Read an erasure.
+
+        Raises BlobMissingError, SecretKeyError if it was written under another key.
+        """
         entry = json.loads(self._store.read(f"{kind}/{digest}"))
         if entry["key"] != self._key_mark:
             raise SecretKeyError(
@@ -82,9 +85,8 @@ def count_missing(database: Database, ledger: ErasureLedger) -> int:
     """
     missing = 0
     for kind in KINDS:
-        with (
-            database.read() as session
-        ):  # before the ledger, to which concurrent erasures are written first
+        # before the ledger, to which concurrent erasures are written first
+        with database.read() as session:
             digests = set(privacy.tombstone_digests(session, kind))
         if digests:
             digests.difference_update(ledger.digests(kind))

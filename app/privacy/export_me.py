@@ -1,7 +1,8 @@
 """Export all data on a participant for themselves: one ZIP with data.json, their photographs and README.txt.
 
-It is written meal by meal, in bounded memory, to an unnamed file in the store's staging folder, which is removed when
-it is closed. Secrets (hashes of tokens and codes) and internal names of rows and blobs are left out.
+It is written meal by meal, in bounded memory, to an unnamed file in the store's staging folder,
+which is removed when it is closed. Secrets (hashes of tokens and codes) and internal names of rows
+and blobs are left out.
 """
 
 import base64
@@ -56,7 +57,10 @@ Your data may be kept, anonymised or erased when you leave the study, as its pro
 
 
 def export_me(database: Database, blobs: BlobStore, caller: DeviceCaller) -> tuple[IO[bytes], int]:
-    """Return the ZIP file, positioned at its start, and its length in bytes. The caller closes it. Raises GoneError."""
+    """Return the ZIP file, positioned at its start, and its length in bytes.
+
+    The caller closes it. Raises GoneError.
+    """
     now = datetime.now(UTC)
     file: IO[bytes] = tempfile.TemporaryFile(dir=blobs.staging_folder())  # noqa: SIM115  # the caller closes it
     try:
@@ -98,7 +102,10 @@ def _write_photographs(
     participant_id: uuid.UUID,
     now: datetime,
 ) -> dict[uuid.UUID, str | None]:
-    """Write the photographs. Returns each photograph's name in the ZIP; None if it no longer exists."""
+    """Write the photographs.
+
+    Returns each photograph's name in the ZIP; None if it no longer exists.
+    """
     names: dict[uuid.UUID, str | None] = {}
     for image, client_id in privacy.images_of_participant(session, participant_id):
         names[image.id] = None

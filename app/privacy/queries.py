@@ -1,7 +1,8 @@
 """SQL of erasures: rows are deleted in the order of their references.
 
-Each table declares which of its rows belong to a meal or a person, and which blobs they name (db/base.py, `personal`
-and `blob`). A new table without a declaration fails tests/integration/privacy/test_erasure_leaves_nothing.py.
+Each table declares which of its rows belong to a meal or a person, and which blobs they name
+(db/base.py, `personal` and `blob`). A new table without a declaration fails
+tests/integration/privacy/test_erasure_leaves_nothing.py.
 """
 
 import uuid
@@ -220,7 +221,10 @@ def studies_with_retention(session: Session) -> list[Study]:
 def meals_with_old_pictures(
     session: Session, study_id: uuid.UUID, before: datetime, limit: int
 ) -> list[uuid.UUID]:
-    """Lock meals received before a time that still have photographs or derived pictures. Returns their ids."""
+    """Lock meals received before a time that still have photographs or derived pictures.
+
+    Returns their ids.
+    """
     has_image = sa.exists().where(MealImage.meal_id == Meal.id, MealImage.erased_at.is_(None))
     has_artefact = sa.exists().where(Run.meal_id == Meal.id, RunArtefact.run_id == Run.id)
     query = (
@@ -262,9 +266,12 @@ def keys_of_studies(session: Session, keys: Collection[str]) -> set[str]:
 
 
 def needed_keys(session: Session, keys: Collection[str]) -> set[str]:
-    """Return the keys that a row names, or that a live job may name later. keys: at most IN_A_STATEMENT.
+    """Return the keys that a row names, or that a live job may name later.
 
-    A job seals its result and pictures before it commits them, possibly days later if its worker dies in between.
+    keys: at most IN_A_STATEMENT.
+
+    A job seals its result and pictures before it commits them, possibly days later if its worker
+    dies in between.
     """
     meal_of = {key: _meal_of(key) for key in keys}
     meals = {meal_id for meal_id in meal_of.values() if meal_id is not None}
@@ -290,9 +297,8 @@ def stream_meals_of(session: Session, participant_id: uuid.UUID) -> Iterator[Mea
         .where(Meal.participant_id == participant_id)
         .order_by(Meal.captured_at, Meal.id)
     )
-    for meal_id in list(
-        session.scalars(query)
-    ):  # ids only: expunge_all would break a stream of rows
+    # ids only: expunge_all would break a stream of rows
+    for meal_id in list(session.scalars(query)):
         yield session.get_one(Meal, meal_id)
         session.expunge_all()
 

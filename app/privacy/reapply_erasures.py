@@ -1,7 +1,7 @@
 """Carry out erasures of the ledger that the database lacks, before serving: after a restore or a crash.
 
-If the database has a tombstone for every erasure, nothing else is read. Otherwise the digests of all ids are computed
-and compared.
+If the database has a tombstone for every erasure, nothing else is read. Otherwise the digests of
+all ids are computed and compared.
 """
 
 import uuid
@@ -24,7 +24,9 @@ log = structlog.get_logger()
 
 
 def reapply_erasures(eraser: Eraser, blobs: BlobStore, before: datetime | None = None) -> int:
-    """Carry out every erasure of the ledger, or those written before a time. Returns the number carried out.
+    """Carry out every erasure of the ledger, or those written before a time.
+
+    Returns the number carried out.
 
     Raises SecretKeyError if the ledger was written under another key.
     """

@@ -1,6 +1,7 @@
 """Erase photographs and derived pictures older than the study's retention_days, counted from their upload.
 
-Measurements stay: items, records, runs without pictures. Of a sandbox study nothing stays for longer than a day.
+Measurements stay: items, records, runs without pictures. Of a sandbox study nothing stays for
+longer than a day.
 """
 
 import uuid
@@ -39,7 +40,10 @@ def erase_old_pictures(database: Database, now: datetime | None = None) -> int:
 
 
 def erase_sandboxes(eraser: Eraser, now: datetime | None = None) -> int:
-    """Erase the participants of sandbox studies who sent something, or enrolled, over a day ago. Returns how many."""
+    """Erase the participants of sandbox studies who sent something, or enrolled, over a day ago.
+
+    Returns how many.
+    """
     before = (now or datetime.now(UTC)) - SANDBOX_KEEPS
     with eraser.database.read() as session:
         due = privacy.sandbox_participants_since(session, before)

@@ -1,7 +1,8 @@
 """Withdraw a participant from a study: by the study's policy their data are kept, anonymised or erased.
 
-In all three cases the tokens of their phones become tombstones (a call with one gets 410 `withdrawn`), their enrolment
-codes end, and a receipt gives the numbers of rows. docs/privacy.md describes what "anonymise" leaves, and why.
+In all three cases the tokens of their phones become tombstones (a call with one gets 410
+`withdrawn`), their enrolment codes end, and a receipt gives the numbers of rows. docs/privacy.md
+describes what "anonymise" leaves, and why.
 """
 
 import secrets
@@ -44,7 +45,8 @@ from app.records.project_records import project_meal
 WITHDRAWN = "withdrawn"  # replaces names
 KEPT_DETAILS = ("captured_at", "time_zone", "marker", "camera", "rig")
 NO_DETAILS: dict[str, object] = {"hints": [], "location": None, "app_version": None}
-FREE_TEXT = "text"  # the one value of events that people write in their own words (records/review/review_meal.py)
+# the one value of events that people write in their own words (records/review/review_meal.py)
+FREE_TEXT = "text"
 
 
 def withdraw_self(eraser: Eraser, caller: DeviceCaller) -> ErasureReceipt:
@@ -67,7 +69,8 @@ def withdraw_participant(
 ) -> ErasureReceipt:
     """Withdraw a participant as an owner; possible again once the study's policy erases more than the first time.
 
-    Raises NotFoundError, ConflictError (`participant_withdrawn`: already withdrawn by this policy or a stronger one).
+    Raises NotFoundError, ConflictError (`participant_withdrawn`: already withdrawn by this policy
+    or a stronger one).
     """
     already_withdrawn = ConflictError(
         "This participant has already left the study under the same policy.",
@@ -98,8 +101,8 @@ def carry_out_on_participant(
 ) -> ErasureReceipt | None:
     """End the phones and apply the policy in one transaction; None if it was done before or the participant is erased.
 
-    It locks the participant, then their meals. An estimate being saved holds its meal and needs the participant: then
-    PostgreSQL aborts one of the two, and the withdrawal is retried.
+    It locks the participant, then their meals. An estimate being saved holds its meal and needs the
+    participant: then PostgreSQL aborts one of the two, and the withdrawal is retried.
     """
     return despite_deadlocks(lambda: _withdraw(eraser, erasure, participant_id, caller))
 
@@ -108,9 +111,8 @@ def _withdraw(
     eraser: Eraser, erasure: Erasure, participant_id: uuid.UUID, caller: Caller | None
 ) -> ErasureReceipt | None:
     with eraser.database.write() as session:
-        participant = people_privacy.lock_participant(
-            session, participant_id
-        )  # before enrolments, as everywhere
+        # before enrolments, as everywhere
+        participant = people_privacy.lock_participant(session, participant_id)
         if participant is None or people_privacy.tombstones_among(
             session, "participant", [erasure.digest]
         ):
@@ -125,9 +127,8 @@ def _withdraw(
         tokens = people_privacy.end_tokens(session, participant_id)
         ended = [eraser.box.digest("token", token_sha256) for token_sha256 in tokens]
         people_privacy.add_tombstones(session, "token", ended, erasure.at, study_id=study_id)
-        announce_withdrawal(
-            session, participant, erasure.policy
-        )  # while the row has the code that receivers know
+        # while the row has the code that receivers know
+        announce_withdrawal(session, participant, erasure.policy)
         if erasure.policy != "keep" and not study.is_sandbox:
             spend_code(session, eraser.box, participant, erasure.at)
         counts = {"access_token": len(ended)} | _apply_policy(
@@ -214,9 +215,8 @@ def _anonymise(
     """
     meals = privacy.lock_meals_of(session, participant.id)
     meal_ids = privacy.meals_of(participant.id)
-    for job in jobs.live_jobs_of(
-        session, meal_ids
-    ):  # first, so that no job computes from the pictures any more
+    # first, so that no job computes from the pictures any more
+    for job in jobs.live_jobs_of(session, meal_ids):
         meal = session.get_one(Meal, job.meal_id)
         jobs.fail_job(job, meal, PHOTOGRAPH_ERASED, now)
         session.flush()
@@ -230,10 +230,8 @@ def _anonymise(
             meal.after_details = cast(PairDetails, _without_person(meal.after_details))
     for event in privacy.events_of(session, meal_ids):
         if FREE_TEXT in event.new:
-            event.new, event.request_sha256 = (
-                event.new | {FREE_TEXT: ""},
-                "",
-            )  # a hash of few words tells them
+            # a hash of few words tells them
+            event.new, event.request_sha256 = (event.new | {FREE_TEXT: ""}, "")
     for day_event in privacy.day_events_of(session, participant.id):
         if day_event.layer == "participant":
             day_event.author = WITHDRAWN

@@ -1,7 +1,9 @@
-"""The contract of a blob store. A blob has one owner and never changes; its key ends with the SHA-256 of its content.
+"""The contract of a blob store.
 
-Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for a run's artefacts. Putting the
-same key again is harmless, so retrying an upload or a job needs no clean-up.
+A blob has one owner and never changes; its key ends with the SHA-256 of its content.
+
+Keys: `study/meal/slot/sha256` for photographs, `study/meal/runs/run/name/sha256` for a run's
+artefacts. Putting the same key again is harmless, so retrying an upload or a job needs no clean-up.
 """
 
 import contextlib
@@ -118,7 +120,8 @@ class BlobDamagedError(TadaError):
 class StoreRefusesError(OSError):
     """The store refuses our configuration: a wrong key, a missing bucket.
 
-    Its errno counts as temporary (app/children/faults.py): meals wait until the setting is fixed, and none fails.
+    Its errno counts as temporary (app/children/faults.py): meals wait until the setting is fixed,
+    and none fails.
     """
 
 
@@ -134,8 +137,9 @@ class StoredBlob:
 class BlobStore(ABC):
     """A blob store. All calls block for a bounded time; errors of the store are OSError.
 
-    A remote store compares what it returns with the SHA-256 of what was put, and raises BlobDamagedError.
-    keeps_versions: whether deleted blobs are kept, which defeats erasure; None: not known, or not before `check`.
+    A remote store compares what it returns with the SHA-256 of what was put, and raises
+    BlobDamagedError. keeps_versions: whether deleted blobs are kept, which defeats erasure; None:
+    not known, or not before `check`.
     """
 
     keeps_versions: bool | None = None
@@ -161,7 +165,10 @@ class BlobStore(ABC):
 
     @abstractmethod
     def put_file(self, key: str, source: Path) -> None:
-        """Move a complete local file to the key. When this returns, the blob is durable and the file is gone."""
+        """Move a complete local file to the key.
+
+        When this returns, the blob is durable and the file is gone.
+        """
 
     @abstractmethod
     def put_files(self, files: Mapping[str, Path]) -> None:
@@ -192,8 +199,8 @@ class BlobStore(ABC):
     def stream_part(self, key: str, start: int, length: int) -> Generator[bytes, None, None]:
         """Yield `length` bytes of a blob from `start` on, in pieces; close the generator unless you exhaust it.
 
-        Raises BlobMissingError before the first piece, BlobDamagedError if the blob is too short. A part is not
-        verified against the SHA-256; a caller with all parts can do so.
+        Raises BlobMissingError before the first piece, BlobDamagedError if the blob is too short. A
+        part is not verified against the SHA-256; a caller with all parts can do so.
         """
 
     @abstractmethod

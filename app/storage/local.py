@@ -1,8 +1,8 @@
 """Blobs as files: temporary file, fsync, rename, fsync of the folders, so that acknowledged blobs are on disk.
 
-Syncs are slow, but concurrent ones share one write of the file system's journal. So all files of a call are synced
-concurrently, then all folders up to the store's root, existing ones too, since another upload may have just created
-them without having synced them.
+Syncs are slow, but concurrent ones share one write of the file system's journal. So all files of a
+call are synced concurrently, then all folders up to the store's root, existing ones too, since
+another upload may have just created them without having synced them.
 """
 
 import contextlib

@@ -16,7 +16,10 @@ STAGING = "staging"  # a folder in data_dir for uploads to a remote store
 
 
 def open_blob_store(url: str, settings: Settings) -> BlobStore:
-    """Return the store of a URL, without network access. Raises InvalidInputError, `settings_invalid`."""
+    """Return the store of a URL, without network access.
+
+    Raises InvalidInputError, `settings_invalid`.
+    """
     parts = urlsplit(url)
     if parts.scheme == "file" and parts.path and not parts.netloc:
         return LocalBlobStore(Path(unquote(parts.path)))
@@ -30,7 +33,10 @@ def open_blob_store(url: str, settings: Settings) -> BlobStore:
 
 
 def s3_place(url: str, settings: Settings) -> "S3Place":
-    """Parse s3://bucket/prefix and the settings. Raises InvalidInputError, which never quotes the URL."""
+    """Parse s3://bucket/prefix and the settings.
+
+    Raises InvalidInputError, which never quotes the URL.
+    """
     from app.storage.s3 import S3Place  # noqa: PLC0415  # as above
 
     parts = urlsplit(url)

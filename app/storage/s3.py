@@ -1,8 +1,9 @@
 """Blobs as objects of an S3 bucket (AWS, MinIO, SeaweedFS and others), over obstore.
 
-Every call is bounded in time: a few seconds to connect, PATIENCE for a response, a few attempts. An object has its
-SHA-256 twice: as S3's checksum, which the server verifies, and in the object's metadata, which is verified when the
-object is read. Objects are read in ranges, so a slow reader holds neither memory nor a connection.
+Every call is bounded in time: a few seconds to connect, PATIENCE for a response, a few attempts. An
+object has its SHA-256 twice: as S3's checksum, which the server verifies, and in the object's
+metadata, which is verified when the object is read. Objects are read in ranges, so a slow reader
+holds neither memory nor a connection.
 """
 
 import errno
@@ -54,9 +55,8 @@ MEBIBYTE = 1024 * 1024
 PART_BYTES = 8 * MEBIBYTE  # larger files are sent in parts, sequentially; S3's minimum is 5 MiB
 BLOCK_BYTES = 1 * MEBIBYTE  # unit in which parts are read
 PUTS_AT_ONCE = 4  # in one process; each holds about one part in memory
-RANGE_BYTES = (
-    512 * 1024
-)  # each reading thread keeps a few of these, since malloc returns large blocks late
+# each reading thread keeps a few of these, since malloc returns large blocks late
+RANGE_BYTES = 512 * 1024
 STREAM_BYTES = 256 * 1024  # forty threads may stream to slow phones
 PAGE_KEYS = 1000  # S3's page size
 PROBES = ".probe"  # no key begins with a full stop (KEY_PATTERN), so no listing shows a probe
@@ -75,7 +75,10 @@ def is_empty_range(text: str) -> bool:
 
 
 def store_error(text: str, place: object) -> OSError:
-    """Return the error to raise. place: for the log; the message contains no address, since /readyz shows it."""
+    """Return the error to raise.
+
+    place: for the log; the message contains no address, since /readyz shows it.
+    """
     code, status = _code(text), _status(text)
     code_suffix = f" ({code})" if code else ""
     fault = FAULT.search(text)
@@ -116,7 +119,10 @@ def _status(text: str) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class S3Place:
-    """Location and credentials. endpoint None: AWS; keys None: the SDK's chain (environment, web identity, machine)."""
+    """Location and credentials.
+
+    endpoint None: AWS; keys None: the SDK's chain (environment, web identity, machine).
+    """
 
     bucket: str
     prefix: str
@@ -143,9 +149,8 @@ class Patience:
 
 
 PATIENCE = Patience()
-PROBE_PATIENCE = Patience(
-    connect_seconds=2.0, answer_seconds=4.0, retry_seconds=0.0, tries=1
-)  # readiness is checked often
+# readiness is checked often
+PROBE_PATIENCE = Patience(connect_seconds=2.0, answer_seconds=4.0, retry_seconds=0.0, tries=1)
 
 
 class S3BlobStore(BlobStore):
@@ -366,7 +371,8 @@ class _EmptyObjectError(Exception):
 def _block(file: io.BufferedReader, length: int) -> bytes | mmap.mmap:
     """Return the next bytes of a file, in memory that is returned to the system at once.
 
-    Memory from malloc stays with its thread: megabytes in each of the forty threads that handle uploads.
+    Memory from malloc stays with its thread: megabytes in each of the forty threads that handle
+    uploads.
     """
     if not length:
         return b""  # mmap does not support length 0
@@ -384,7 +390,8 @@ def _blocks(file: io.BufferedReader, length: int) -> Iterator[bytes | mmap.mmap]
 def _open(place: S3Place, patience: Patience) -> S3Store:
     config: S3Config = {
         "region": place.region,
-        "checksum_algorithm": "SHA256",  # without it SeaweedFS accepts altered bytes, though the signature covers them
+        # without it SeaweedFS accepts altered bytes, though the signature covers them
+        "checksum_algorithm": "SHA256",
         "disable_bulk_delete": True,  # some servers lack it, and we delete one object at a time
     }
     if place.endpoint is not None:

@@ -11,7 +11,9 @@ from app.vision.vessel_library import VESSEL_KINDS, VesselKind
 
 
 class StudyVessel(Base):
-    """A vessel of a study. Its name never changes, since hints and runs refer to it; its measures are of `version`.
+    """A vessel of a study.
+
+    Its name never changes, since hints and runs refer to it; its measures are of `version`.
 
     name_key: the name as it is compared, without case: unique in the study.
     """
@@ -21,9 +23,8 @@ class StudyVessel(Base):
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
     name: Mapped[str] = mapped_column(sa.String(100))
-    name_key: Mapped[str] = mapped_column(
-        sa.String(300)
-    )  # folding case makes three characters of one at the most
+    # folding case makes three characters of one at the most
+    name_key: Mapped[str] = mapped_column(sa.String(300))
     version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime]
 
@@ -31,10 +32,12 @@ class StudyVessel(Base):
 
 
 class StudyVesselVersion(Base):
-    """What a vessel measured from this version on, and whether it was in use. Never changed: runs refer to it.
+    """What a vessel measured from this version on, and whether it was in use.
 
-    Lengths and volumes as they were typed; see vision/vessel_library.py. fill_line_mm: over the table. author: who
-    measured, retired or restored it.
+    Never changed: runs refer to it.
+
+    Lengths and volumes as they were typed; see vision/vessel_library.py. fill_line_mm: over the
+    table. author: who measured, retired or restored it.
     """
 
     __tablename__ = "study_vessel_version"

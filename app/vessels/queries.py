@@ -19,7 +19,9 @@ def page_of_vessels(
     after: str | None,
     limit: int | None,
 ) -> Sequence[VesselRow]:
-    """A study's vessels by name, those behind the key `after`. is_in_use: only these; None: retired ones too.
+    """A study's vessels by name, those behind the key `after`.
+
+    is_in_use: only these; None: retired ones too.
 
     limit: None: all.
     """

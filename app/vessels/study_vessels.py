@@ -1,6 +1,7 @@
 """A study's vessel library: mugs and bowls measured once, changed under the version that a change is of, and retired.
 
-Nothing is deleted: each change is a new version, and a run refers to the versions that it was given.
+Nothing is deleted: each change is a new version, and a run refers to the versions that it was
+given.
 """
 
 import uuid
@@ -91,7 +92,10 @@ def stored_measures(version: StudyVesselVersion) -> dict[str, object]:
 def list_vessels(
     database: Database, study_code: str, *, is_in_use: bool | None, cursor: str | None, limit: int
 ) -> Page[VesselView]:
-    """A study's vessels by name. is_in_use: only these; None: retired ones too. Raises NotFoundError."""
+    """A study's vessels by name.
+
+    is_in_use: only these; None: retired ones too. Raises NotFoundError.
+    """
     listed = f"vessels of {study_code} {is_in_use}"
     after = decode_cursor(listed, cursor, TEXT)
     with database.read() as session:
@@ -140,7 +144,10 @@ def read_vessel(
 def add_vessel(
     database: Database, study_code: str, measured: MeasuredVessel, author: VesselAuthor
 ) -> VesselView:
-    """Keep a new vessel. Raises NotFoundError, ConflictError (`vessel_exists`, `vessels_too_many`)."""
+    """Keep a new vessel.
+
+    Raises NotFoundError, ConflictError (`vessel_exists`, `vessels_too_many`).
+    """
     with database.write() as session:
         return _add(session, _locked_study(session, study_code), measured, author)
 
@@ -154,10 +161,13 @@ def change_vessel(
     *,
     expected: frozenset[int] | None,
 ) -> VesselView:
-    """Replace a vessel's measures; a retired one is in use again. expected: versions the change may be of; None: any.
+    """Replace a vessel's measures; a retired one is in use again.
 
-    measures: as measured_vessel reads them; the name may be None. Raises NotFoundError, PreconditionFailedError,
-    InvalidInputError, ConflictError (`vessel_name_fixed`, `vessels_too_many`).
+    expected: versions the change may be of; None: any.
+
+    measures: as measured_vessel reads them; the name may be None. Raises NotFoundError,
+    PreconditionFailedError, InvalidInputError, ConflictError (`vessel_name_fixed`,
+    `vessels_too_many`).
     """
     with database.write() as session:
         study = _locked_study(session, study_code)
@@ -180,7 +190,9 @@ def change_vessel(
 def retire_vessel(
     database: Database, study_code: str, vessel: uuid.UUID | str, author: VesselAuthor
 ) -> VesselView:
-    """Take a vessel out of use: estimates get it no more, unless a hint names it. The same again changes nothing.
+    """Take a vessel out of use: estimates get it no more, unless a hint names it.
+
+    The same again changes nothing.
 
     vessel: its id, or its name.
     """
@@ -228,15 +240,17 @@ def import_vessels(
                 added += 1
                 continue
             view, before = VesselView(*row), row[0].version
-            if (
-                view.version.is_retired or view.model != measured.model
-            ):  # an exported capacity may be a fill line's
+            # an exported capacity may be a fill line's
+            if view.version.is_retired or view.model != measured.model:
                 changed += _change(session, study, view, measured, author).vessel.version > before
     return ImportedVessels(added, changed, len(library) - added - changed)
 
 
 def export_vessels(database: Database, study_code: str) -> list[dict[str, object]]:
-    """A study's vessels in use, as import_vessels and `tada estimate --vessels` read them. Raises NotFoundError."""
+    """A study's vessels in use, as import_vessels and `tada estimate --vessels` read them.
+
+    Raises NotFoundError.
+    """
     page = list_vessels(database, study_code, is_in_use=True, cursor=None, limit=MAX_VESSELS)
     return [
         vessel_to_json(view.model)

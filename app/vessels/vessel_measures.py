@@ -18,9 +18,12 @@ MAX_CAPACITY_RATIO = 1.5  # of capacity and profile: a ruler's profile is good t
 
 @dataclass(frozen=True, slots=True)
 class MeasuredVessel:
-    """A vessel as it was measured. model: with the capacity that follows from the fill line where none was measured.
+    """A vessel as it was measured.
 
-    fill_line_mm: a mark's height over the table; fill_line_ml: what the vessel holds up to it; both or none.
+    model: with the capacity that follows from the fill line where none was measured.
+
+    fill_line_mm: a mark's height over the table; fill_line_ml: what the vessel holds up to it; both
+    or none.
     """
 
     model: VesselModel
@@ -45,7 +48,8 @@ class MeasuredVessel:
 def measured_vessel(data: object) -> MeasuredVessel:
     """A vessel from its JSON object: vessel_library's keys, and fill_line_mm with fill_line_ml.
 
-    Raises InvalidInputError: `vessel_invalid`; `vessel_impossible` where the measures contradict each other.
+    Raises InvalidInputError: `vessel_invalid`; `vessel_impossible` where the measures contradict
+    each other.
     """
     if not isinstance(data, Mapping):
         return MeasuredVessel(vessel_from_mapping(data), None)  # refuses it
@@ -99,7 +103,10 @@ def known_capacity_ml(
 
 
 def vessel_name(name: object) -> str:
-    """A name as it is kept: blanks folded. Raises InvalidInputError `vessel_invalid` for what cannot be read."""
+    """A name as it is kept: blanks folded.
+
+    Raises InvalidInputError `vessel_invalid` for what cannot be read.
+    """
     cleaned = " ".join(unicodedata.normalize("NFC", name).split()) if isinstance(name, str) else ""
     if not 0 < len(cleaned) <= NAME_LENGTH or not cleaned.isprintable():
         raise InvalidInputError(
@@ -133,7 +140,10 @@ def _fill_line(fields: Mapping[str, object]) -> tuple[float, float] | None:
 
 
 def _require_possible(model: VesselModel) -> None:
-    """Refuse a radius for a diameter, centimetres for millimetres. Raises InvalidInputError `vessel_impossible`."""
+    """Refuse a radius for a diameter, centimetres for millimetres.
+
+    Raises InvalidInputError `vessel_impossible`.
+    """
     rim_radius_mm = model.rim_diameter_mm / 2
     if model.capacity_ml is not None:
         cylinder_ml = math.pi * rim_radius_mm**2 * model.height_mm / 1000.0

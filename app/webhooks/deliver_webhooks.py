@@ -1,9 +1,9 @@
 """Send the outbox's deliveries at least once, signed, with retries at growing intervals over three days.
 
-A worker's chore starts deliveries and returns. Each runs in a thread of its own, a few at a time and one per webhook,
-so that a slow receiver delays neither other webhooks nor other chores. A claim lasts a little longer than an attempt
-can: if the worker dies, another sends the delivery again. After a failure this worker pauses all deliveries to the
-webhook for a while.
+A worker's chore starts deliveries and returns. Each runs in a thread of its own, a few at a time
+and one per webhook, so that a slow receiver delays neither other webhooks nor other chores. A claim
+lasts a little longer than an attempt can: if the worker dies, another sends the delivery again.
+After a failure this worker pauses all deliveries to the webhook for a while.
 """
 
 import json
@@ -38,7 +38,8 @@ PAUSES = tuple(
     )
 )  # fmt: skip  # between attempts: the example schedule of Standard Webhooks, 75 hours in all
 MAX_ATTEMPTS = len(PAUSES) + 1
-JITTER = 0.1  # of a pause, in both directions, so that deliveries that failed together are not retried together
+# of a pause, in both directions, so that deliveries that failed together are not retried together
+JITTER = 0.1
 LONGEST_RETRY_AFTER = timedelta(days=1)
 MAX_CONSECUTIVE_GIVEN_UP = 5  # then the webhook is disabled
 CLAIM = timedelta(seconds=6 * TOTAL_SECONDS)  # longer than an attempt and storing its outcome take
@@ -56,7 +57,10 @@ SECRET_UNREADABLE = (
 
 @dataclass(frozen=True, slots=True)
 class _Claimed:
-    """A delivery that this worker has claimed. attempt: its number, from 1. meal_id: for the log."""
+    """A delivery that this worker has claimed.
+
+    attempt: its number, from 1. meal_id: for the log.
+    """
 
     delivery_id: uuid.UUID
     event: str
@@ -92,7 +96,10 @@ class DeliverWebhooks:
         ] = {}  # webhook -> (length in seconds, end by monotonic clock)
 
     def run(self) -> int:
-        """Start a thread for each webhook with a due delivery, up to MAX_CONCURRENT. Returns the number started."""
+        """Start a thread for each webhook with a due delivery, up to MAX_CONCURRENT.
+
+        Returns the number started.
+        """
         started = 0
         while (claimed := self._claim_any()) is not None:
             try:
@@ -141,9 +148,8 @@ class DeliverWebhooks:
         return claimed
 
     def _claim(self, due: Due) -> _Claimed | None:
-        with (
-            self._database.read() as session
-        ):  # usually nothing is due, and no write lock is needed
+        # usually nothing is due, and no write lock is needed
+        with self._database.read() as session:
             if not webhooks.has_due(session, due):
                 return None
         with self._database.write() as session:

@@ -152,7 +152,10 @@ def unsendable(
 
 
 def remove_ended(session: Session, before: datetime, limit: int) -> int:
-    """Delete at most `limit` deliveries that have ended and were created before a time. Returns the number."""
+    """Delete at most `limit` deliveries that have ended and were created before a time.
+
+    Returns the number.
+    """
     row = WebhookDelivery
     old = sa.select(row.id).where(row.state != "waiting", row.created_at < before).limit(limit)
     removed = session.execute(

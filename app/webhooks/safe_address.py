@@ -1,9 +1,10 @@
 """Check webhook URLs: https to a public address only, against server-side request forgery.
 
-The server connects to a URL that a study's owner entered, which could point at services that the server can reach but
-the owner cannot: a metadata service, a database, the loopback. URLs are parsed strictly (a URL that parsers could read
-as different hosts is refused), the name is resolved once, every address must be public, and the connection goes to
-these addresses, so that a name that resolves differently later has no effect.
+The server connects to a URL that a study's owner entered, which could point at services that the
+server can reach but the owner cannot: a metadata service, a database, the loopback. URLs are parsed
+strictly (a URL that parsers could read as different hosts is refused), the name is resolved once,
+every address must be public, and the connection goes to these addresses, so that a name that
+resolves differently later has no effect.
 """
 
 import ipaddress
@@ -18,7 +19,8 @@ from app.core.errors import InvalidInputError
 
 MAX_URL_LENGTH = 500
 HTTPS_PORT = 443
-LOWEST_FREE_PORT = 1024  # below it only 443 is allowed: the other ports belong to services that receive no webhooks
+# below it only 443 is allowed: the other ports belong to services that receive no webhooks
+LOWEST_FREE_PORT = 1024
 RESOLVE_SECONDS = 5.0
 LOOPBACK = "127.0.0.1"
 
@@ -43,7 +45,8 @@ NOT_PUBLIC_V4 = tuple(
         "240.0.0.0/4",  # reserved, broadcast
     )
 )
-# The only range of global unicast addresses: mapped, NAT64, unique local, link-local, multicast ... are outside.
+# The only range of global unicast addresses: mapped, NAT64, unique local, link-local, multicast ...
+# are outside.
 GLOBAL_UNICAST_V6 = ipaddress.IPv6Network("2000::/3")
 NOT_PUBLIC_V6 = tuple(
     ipaddress.IPv6Network(network)
@@ -57,9 +60,8 @@ NOT_PUBLIC_V6 = tuple(
 ISATAP_MARKS = (b"\x00\x00\x5e\xfe", b"\x02\x00\x5e\xfe")  # RFC 5214: an IPv4 address follows
 
 _VISIBLE_ASCII = re.compile(r"[!-~]+")
-_AMBIGUOUS = frozenset(
-    '\\"<>^`{|}'
-)  # not allowed by RFC 3986; URL parsers differ about some of them
+# not allowed by RFC 3986; URL parsers differ about some of them
+_AMBIGUOUS = frozenset('\\"<>^`{|}')
 _LABEL = re.compile(r"[a-z0-9]([a-z0-9-]{0,61}[a-z0-9])?")
 _NUMBER = re.compile(r"\d+|0x[0-9a-f]*")
 
@@ -128,7 +130,8 @@ def resolve_safely(
 ) -> tuple[str, ...]:
     """Return the host's addresses, all public; connect to these without resolving again.
 
-    allow_loopback: also accept 127.0.0.1. Raises AddressError if there is no address, or one of them is not public.
+    allow_loopback: also accept 127.0.0.1. Raises AddressError if there is no address, or one of
+    them is not public.
     """
     addresses = (resolve or system_resolver)(host, port)
     if not addresses:
@@ -164,16 +167,18 @@ def system_resolver(host: str, port: int) -> list[str]:
             return
         addresses.extend(dict.fromkeys(str(answer[4][0]) for answer in answers))
 
-    thread = threading.Thread(
-        target=resolve, name="resolve", daemon=True
-    )  # getaddrinfo has no time-out
+    # getaddrinfo has no time-out
+    thread = threading.Thread(target=resolve, name="resolve", daemon=True)
     thread.start()
     thread.join(RESOLVE_SECONDS)
     return list(addresses)
 
 
 def _read_host(host: str) -> str:
-    """Return a name of at least two labels, or an address in canonical form. Raises AddressError."""
+    """Return a name of at least two labels, or an address in canonical form.
+
+    Raises AddressError.
+    """
     if ":" in host:
         try:
             ip = ipaddress.IPv6Address(host)

@@ -22,9 +22,8 @@ TOTAL_SECONDS = 10.0  # for look-up, connecting, handshake, sending and the resp
 STEP_SHARE = 0.9  # of the total time, for one step
 MAX_HEADERS = 100  # a response with more is refused
 MAX_CONNECTIONS, MAX_KEPT_CONNECTIONS = 100, 20  # the first: more than POSTs are sent at once
-MAX_BODY_BYTES = (
-    16 * 1024
-)  # of a response whose connection is kept; after a longer one it is closed
+# of a response whose connection is kept; after a longer one it is closed
+MAX_BODY_BYTES = 16 * 1024
 BODY_SECONDS = 1.0  # for the body of such a response; after a slower one the connection is closed
 NO_HTTP = "The answer was not HTTP."
 BROKEN = (httpcore2.TimeoutException, httpcore2.NetworkError, httpcore2.ProtocolError)
@@ -34,7 +33,10 @@ ErrorT = TypeVar("ErrorT", bound=BaseException)
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The result of a POST. status: of the response; None if there was none; error then says why."""
+    """The result of a POST.
+
+    status: of the response; None if there was none; error then says why.
+    """
 
     status: int | None
     error: str | None = None

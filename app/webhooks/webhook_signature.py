@@ -1,6 +1,7 @@
 """A webhook's secret and its signatures by Standard Webhooks 1.0.0 (symmetric, `v1`).
 
-For a day after a rotation, deliveries are also signed with the old secret, so that receivers can switch over.
+For a day after a rotation, deliveries are also signed with the old secret, so that receivers can
+switch over.
 """
 
 import base64

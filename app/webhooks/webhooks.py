@@ -28,7 +28,10 @@ MAX_LISTED = 100
 
 @dataclass(frozen=True, slots=True)
 class IssuedSecret:
-    """A webhook with a new secret, shown once. previous_until: end of the old secret's validity, if there is one."""
+    """A webhook with a new secret, shown once.
+
+    previous_until: end of the old secret's validity, if there is one.
+    """
 
     webhook: Webhook
     secret: str
@@ -49,7 +52,10 @@ class Webhooks:
     study_code: str
 
     def create(self, url: str, events: Sequence[str]) -> IssuedSecret:
-        """Create a webhook. Raises AddressError (InvalidInputError), ConflictError (`webhooks_too_many`)."""
+        """Create a webhook.
+
+        Raises AddressError (InvalidInputError), ConflictError (`webhooks_too_many`).
+        """
         self._check_url(url)
         secret, now = new_secret(), datetime.now(UTC)
         with self.database.write() as session:
@@ -87,9 +93,12 @@ class Webhooks:
         events: Sequence[str] | None = None,
         is_enabled: bool | None = None,
     ) -> Webhook:
-        """Change the fields that are not None. expected: versions that the change may be made from; None: any.
+        """Change the fields that are not None.
 
-        Raises AddressError, ConflictError (`webhooks_too_many`), PreconditionFailedError (changed since).
+        expected: versions that the change may be made from; None: any.
+
+        Raises AddressError, ConflictError (`webhooks_too_many`), PreconditionFailedError (changed
+        since).
         """
         if url is not None:
             self._check_url(url)
@@ -127,7 +136,10 @@ class Webhooks:
                 self._note(session, hook, "disable")
 
     def rotate_secret(self, webhook_id: uuid.UUID) -> IssuedSecret:
-        """Create a new secret. If TADA_SECRET_KEY does not open the old one, there is no previous secret."""
+        """Create a new secret.
+
+        If TADA_SECRET_KEY does not open the old one, there is no previous secret.
+        """
         with self.database.write() as session:
             hook = self._find(session, webhook_id, lock=True)
             try:
@@ -141,7 +153,10 @@ class Webhooks:
     def list_deliveries(
         self, webhook_id: uuid.UUID, *, state: str | None, cursor: str | None, limit: int
     ) -> Page[WebhookDelivery]:
-        """Return a page of the log, the newest first. Raises InvalidInputError for an invalid cursor."""
+        """Return a page of the log, the newest first.
+
+        Raises InvalidInputError for an invalid cursor.
+        """
         list_name = f"deliveries {webhook_id.hex} {state}"
         before = decode_cursor(list_name, cursor, INSTANT, ID)
         with self.database.read() as session:

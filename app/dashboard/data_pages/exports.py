@@ -75,7 +75,10 @@ EXPORTS_A_PAGE = 25
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """values: as entered, by the API's names. spec: None if they are refused; wrong: field -> why."""
+    """values: as entered, by the API's names.
+
+    spec: None if they are refused; wrong: field -> why.
+    """
 
     values: Values
     spec: ExportSpec | None
@@ -114,7 +117,10 @@ class Choice:
 def choice_of(
     fields: ImmutableMultiDict[str, object], study: str, *, drop_others: bool = False
 ) -> Choice:
-    """Read the fields. drop_others: ignore what the table does not have, as when switching to another table."""
+    """Read the fields.
+
+    drop_others: ignore what the table does not have, as when switching to another table.
+    """
     values = _values_of(fields)
     if drop_others:
         values = _offered(values)
@@ -200,7 +206,10 @@ def _field(loc: Sequence[int | str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ExportRow:
-    """An export in the list. filters: by the API's names. may_remove: whether the viewer may remove it."""
+    """An export in the list.
+
+    filters: by the API's names. may_remove: whether the viewer may remove it.
+    """
 
     export: Export
     spec: ExportSpec

@@ -66,7 +66,10 @@ class Mark:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """A chart of days (labels) or of bins (edges). whole: no fractions on the y axis. low: of small height."""
+    """A chart of days (labels) or of bins (edges).
+
+    whole: no fractions on the y axis. low: of small height.
+    """
 
     kind: str = "days"
     caption: str

@@ -121,9 +121,8 @@ def post_continue(page: CurrentPage, study: str, remeasurement: uuid.UUID) -> Re
     return page.redirect(_address(study, view), "The remeasurement goes on.")
 
 
-router.add_api_route(
-    f"{PATH}/{{remeasurement}}/items", get_remeasured_items, methods=["GET"]
-)  # the table as a file
+# the table as a file
+router.add_api_route(f"{PATH}/{{remeasurement}}/items", get_remeasured_items, methods=["GET"])
 
 
 def _remeasurements(

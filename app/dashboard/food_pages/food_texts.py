@@ -1,7 +1,7 @@
 """A food as the texts of a form's fields, and the changed texts as the API's body.
 
-The body holds only what differs from the version with which the form was opened, so that saving does not undo what
-others have corrected meanwhile.
+The body holds only what differs from the version with which the form was opened, so that saving
+does not undo what others have corrected meanwhile.
 """
 
 import re

@@ -51,7 +51,10 @@ class Difference:
 def describe_differences(
     differences: Mapping[str, Sequence[object]], rows: Iterable[NutrientRow] = ()
 ) -> list[Difference]:
-    """Describe field -> (old, new), nutrient figures last. rows: name components that components.csv lacks."""
+    """Describe field -> (old, new), nutrient figures last.
+
+    rows: name components that components.csv lacks.
+    """
     components: dict[str, Component | ComponentRow] = {
         row.component.number: row.component for row in rows
     }
@@ -178,7 +181,10 @@ def get_food(page: CurrentPage, key: FoodKey, output: Output = "") -> Response:
 def food_page(
     page: Page, key: str, *, refused: str | None = None, reason: str = "", status: int = 200
 ) -> Response:
-    """Render the page of a food. refused: why restoring a version failed; reason: as entered there."""
+    """Render the page of a food.
+
+    refused: why restoring a version failed; reason: as entered there.
+    """
     database = page.database
     view = read_food(database, key)
     changes = render_changes(list_changes(database, view.value.key)).items

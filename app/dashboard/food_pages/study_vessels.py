@@ -48,8 +48,8 @@ _BETWEEN = re.compile(r"\s*[,;]\s*|\s+")
 class VesselDrawing:
     """Millimetres, x to the right from the vessel's left edge, y downwards.
 
-    points: of an SVG polyline. is_measured: the profile was measured, not derived from the capacity. line_y: the fill
-    line's, if there is one.
+    points: of an SVG polyline. is_measured: the profile was measured, not derived from the
+    capacity. line_y: the fill line's, if there is one.
     """
 
     width_mm: float

@@ -48,9 +48,10 @@ Short = Annotated[str, Field(max_length=200)]
 class EventForm(BaseModel):
     """The fields of all these forms; empty ones are left out.
 
-    id: made with the form, so that sending it twice makes one event. version: of the meal as it was shown. seen: number
-    of the last event that the page showed, so that a conflict can show the later ones. q: text of the food search; a
-    food's key if none was chosen from the list. accepts: not empty: store an implausible amount.
+    id: made with the form, so that sending it twice makes one event. version: of the meal as it was
+    shown. seen: number of the last event that the page showed, so that a conflict can show the
+    later ones. q: text of the food search; a food's key if none was chosen from the list. accepts:
+    not empty: store an implausible amount.
     """
 
     model_config = ConfigDict(extra="forbid")
@@ -102,7 +103,10 @@ def event_of(form: EventForm) -> AnyEventIn:
 
 
 def read_polygon(text: str) -> object:
-    """Read corners one per line, `812, 560`, or JSON as the API takes it: a ring or rings. Raises InvalidInputError."""
+    """Read corners one per line, `812, 560`, or JSON as the API takes it: a ring or rings.
+
+    Raises InvalidInputError.
+    """
     stripped = text.strip()
     try:
         if stripped.startswith("["):

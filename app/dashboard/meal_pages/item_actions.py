@@ -1,7 +1,7 @@
 """Review events sent by a meal's page, by the same models and use case as the API's.
 
-A script that accepts JSON gets the API's meal with its ETag, or a problem document. htmx gets the meal's section
-rendered again; a browser without scripts is redirected to the page.
+A script that accepts JSON gets the API's meal with its ETag, or a problem document. htmx gets the
+meal's section rendered again; a browser without scripts is redirected to the page.
 """
 
 import uuid

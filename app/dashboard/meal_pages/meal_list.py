@@ -1,7 +1,8 @@
 """A study's meals as a gallery of photographs or as a table: the rows of `GET /v1/meals` by the same filters.
 
-Filters, view and order are in the address. Meals that are being measured are polled together every few seconds and
-replaced in place. The same rows, their items and their photographs are offered as files.
+Filters, view and order are in the address. Meals that are being measured are polled together every
+few seconds and replaced in place. The same rows, their items and their photographs are offered as
+files.
 """
 
 import uuid
@@ -64,11 +65,8 @@ router = APIRouter(include_in_schema=False)
 MEALS = PREFIX + "/studies/{study}/meals"
 MEALS_A_PAGE = {"gallery": 24, "table": 100}
 FileRows = Literal["meals", "items", "photographs"]
-FILE_PARAMETERS = {
-    "order": None,
-    "view": None,
-    "cursor": None,
-}  # removed from the address of a file
+# removed from the address of a file
+FILE_PARAMETERS = {"order": None, "view": None, "cursor": None}
 
 # PARTICIPANT:ID:VERSION as it is shown
 Watched = Annotated[
@@ -83,14 +81,8 @@ def _without_blanks(values: object) -> object:
 
 Value = TypeVar("Value")
 Blanks = BeforeValidator(_without_blanks)
-MORE = (
-    "statuses",
-    "flags",
-    "origin",
-    "needs",
-    "failure_codes",
-    "after_statuses",
-)  # below the form's first row
+# below the form's first row
+MORE = ("statuses", "flags", "origin", "needs", "failure_codes", "after_statuses")
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +110,10 @@ class MealFilters:
         return reversed_range_message(self.filters.first_day, self.filters.last_day)
 
     def reaches(self, rows: Rows) -> bool:
-        """Whether a file of these rows supports all filters that are set. An item's status is not the meal's."""
+        """Whether a file of these rows supports all filters that are set.
+
+        An item's status is not the meal's.
+        """
         names = set(self.filters.set_names)
         return names <= set(FILTERS[rows]) and (rows != "items" or "statuses" not in names)
 
@@ -275,7 +270,8 @@ def get_changed(
 ) -> Response:
     """Those of the watched meals that have changed, each for its place in the page, and those to remove from it.
 
-    A meal that never existed, or that the caller may not see, is removed too: the answers do not differ.
+    A meal that never existed, or that the caller may not see, is removed too: the answers do not
+    differ.
     """
     database, study_id = page.database, page.require_study().id
     versions = dict(map(_parse_watched, meal or ()))

@@ -33,11 +33,8 @@ SHARP_PX = 900  # width of a crop on a good screen
 WIDTHS_PX = (1600, 2400, 3200, 4096)  # few, so that pictures are cached
 NUMBERED = 9  # candidates that have a key
 
-SETTLING = ITEM_DECISIONS | {
-    "split",
-    "merge",
-    "confirm_meal",
-}  # reviewers' events that take an item out of the queue
+# reviewers' events that take an item out of the queue
+SETTLING = ITEM_DECISIONS | {"split", "merge", "confirm_meal"}
 ACTIONS = {
     "confirm": "confirmed it",
     "reject": "rejected it",
@@ -92,10 +89,12 @@ Status = Annotated[Literal["proposed", "needs_review", "confirmed", "corrected"]
 
 @dataclass(frozen=True, slots=True)
 class Outline:
-    """The item in the left photograph, in upright pixels. path: of SVG, holes by the even-odd rule. crop: x, y, w, h.
+    """The item in the left photograph, in upright pixels.
 
-    corners: of the ring with the most, from which a new drawing starts. served_px: the photograph's width at which the
-    crop is sharp.
+    path: of SVG, holes by the even-odd rule. crop: x, y, w, h.
+
+    corners: of the ring with the most, from which a new drawing starts. served_px: the photograph's
+    width at which the crop is sharp.
     """
 
     width_px: int
@@ -108,7 +107,9 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A food that the item may be. key: on the keyboard, 1 to 9, or None. is_current: it is the item's food.
+    """A food that the item may be.
+
+    key: on the keyboard, 1 to 9, or None. is_current: it is the item's food.
 
     is_marked: Enter confirms it; the reviewer need not choose it first.
     """
@@ -123,7 +124,10 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class RecentEvent:
-    """An event of the meal, described. is_of_item: about this item or the whole meal. is_own: by the reader."""
+    """An event of the meal, described.
+
+    is_of_item: about this item or the whole meal. is_own: by the reader.
+    """
 
     row: HistoryRow
     action: str
@@ -169,8 +173,8 @@ def crop_of(
 ) -> tuple[float, float, float, float]:
     """Return x, y, width, height of a square around the points with a margin, moved into the photograph.
 
-    Points outside the photograph are moved to its edge; no side is longer than the photograph's. Without points it is
-    the whole photograph.
+    Points outside the photograph are moved to its edge; no side is longer than the photograph's.
+    Without points it is the whole photograph.
     """
     if not points:
         return (0.0, 0.0, float(width), float(height))
@@ -194,9 +198,8 @@ def choices_of(item: ReviewItem) -> list[Choice]:
     for candidate in candidates:
         key, probability = candidate.food.key, candidate.probability
         first = foods.get(key)
-        if first is None or (
-            first[1] is None and probability is not None
-        ):  # the hint's, then the index's
+        # the hint's, then the index's
+        if first is None or (first[1] is None and probability is not None):
             foods[key] = (
                 candidate.food,
                 probability,
@@ -255,9 +258,10 @@ def _detail(new: Mapping[str, object]) -> str:
 def _marked(item: ReviewItem, foods: Mapping[str, tuple[Food, float | None, str]]) -> str | None:
     """Return the key of the food that is more likely right than wrong; None: the reviewer has to choose.
 
-    A reviewer may confirm a marked food by reflex. The index knows few foods, so its "none of these" is no evidence
-    against a food that a person or the phone has named; its certainty about another food is. An operator's network
-    alone marks nothing: nobody knows how honest its probabilities are.
+    A reviewer may confirm a marked food by reflex. The index knows few foods, so its "none of
+    these" is no evidence against a food that a person or the phone has named; its certainty about
+    another food is. An operator's network alone marks nothing: nobody knows how honest its
+    probabilities are.
     """
     if item.row.food is not None:
         return None if FOOD_DOUBTFUL in item.row.record.flags else item.row.food.key

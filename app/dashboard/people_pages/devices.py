@@ -33,8 +33,8 @@ Marker = Annotated[str, Query(max_length=64)]
 class Card:
     """The card that a participant receives.
 
-    link: enrols a browser in the capture page. browser_svg: its QR code. app_svg: that of the study's app; None: it has
-    none.
+    link: enrols a browser in the capture page. browser_svg: its QR code. app_svg: that of the
+    study's app; None: it has none.
     """
 
     participant: str
@@ -82,7 +82,8 @@ def get_enrol(
 def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
     """A sheet with one card per participant, shown once; their earlier unused codes become invalid.
 
-    A code that cannot get a card refuses the whole list: new codes would end those of cards that are printed already.
+    A code that cannot get a card refuses the whole list: new codes would end those of cards that
+    are printed already.
     """
     values = form_values(fields)
     entered, has_app = values.get("participants", ""), "app" in values

@@ -36,9 +36,8 @@ MOST_AT_ONCE = 500
 USUAL_COMPONENT = "vitamin_c_mg"
 LONGEST_CODE = 64
 SHOWN = 80  # characters of an invalid code in its message
-_BETWEEN_CODES = re.compile(
-    r"[\r\n\t,;]+"
-)  # no blanks: "Anna Müller" would become two participants
+# no blanks: "Anna Müller" would become two participants
+_BETWEEN_CODES = re.compile(r"[\r\n\t,;]+")
 _RANGE = re.compile(
     r"(?P<stem>[A-Za-z]\w*?)(?P<first>\d{1,9}) ?[-–] ?(?P=stem)(?P<last>\d{1,9})", re.ASCII
 )
@@ -58,7 +57,10 @@ def get_participants(page: CurrentPage, study: str, cursor: Cursor = None) -> Re
 
 @router.post(f"{STUDY_PAGES}/participants")
 def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response:
-    """Add participants by their codes and ranges. An invalid code adds nobody; codes that are taken are listed."""
+    """Add participants by their codes and ranges.
+
+    An invalid code adds nobody; codes that are taken are listed.
+    """
     entered = form_values(fields).get("codes", "")
     codes = list(
         dict.fromkeys(

@@ -31,11 +31,12 @@ from app.people.studies_api import protocol_columns, render_study
 router = APIRouter(include_in_schema=False)
 
 SWITCHES = ("expects_after_pair", "gives_feedback", "shares_index")
+# an emptied field removes the value
 NULLABLE: tuple[Literal["retention_days", "location_decimals", "marker"], ...] = (
     "retention_days",
     "location_decimals",
     "marker",
-)  # an emptied field removes the value
+)
 MEANING: Mapping[str, str] = {  # hints below the fields
     "day_starts": "From 00:00 to 12:00: an earlier meal belongs to the day before. Fixed once the study has a meal.",
     "gives_feedback": "Feedback changes what people eat.",

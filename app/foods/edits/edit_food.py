@@ -1,7 +1,10 @@
-"""Create and correct foods. Nothing is overwritten: a correction is a new version of the food in the release "local".
+"""Create and correct foods.
 
-That release takes precedence over all imported ones, so that a correction survives the next release of the table that
-it corrects. Each version keeps its author, time and reason, and its differences from the previous version.
+Nothing is overwritten: a correction is a new version of the food in the release "local".
+
+That release takes precedence over all imported ones, so that a correction survives the next release
+of the table that it corrects. Each version keeps its author, time and reason, and its differences
+from the previous version.
 """
 
 import json
@@ -33,9 +36,8 @@ from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
 
 T = TypeVar("T")
-Differences = dict[
-    str, list[object]
-]  # field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
+# field -> [old, new] as JSON; a component's field is `nutrients.NUMBER`
+Differences = dict[str, list[object]]
 
 LOCAL_CHECKSUM = "local"  # the one release of corrections is read from no file
 LOCAL_VERSION = "1"
@@ -77,8 +79,9 @@ class FoodFields(TypedDict, total=False):
 class FoodEdit:
     """Changes to a food. fields: the new values.
 
-    nutrients: number or INFOODS tagname -> new figure; None removes the figure: not known, which is not 0. recipe: new
-    recipe, from which the figures are computed. without_recipe: remove the recipe and keep the figures.
+    nutrients: number or INFOODS tagname -> new figure; None removes the figure: not known, which is
+    not 0. recipe: new recipe, from which the figures are computed. without_recipe: remove the
+    recipe and keep the figures.
     """
 
     fields: FoodFields = field(default_factory=FoodFields)
@@ -91,7 +94,8 @@ class FoodEdit:
 class FoodVersion:
     """A version of a food as the starting point of a correction, with only its own densities.
 
-    recipe: None if it has none. states: of its ingredients, by Food.id. nutrients: value.per_100_g with its components.
+    recipe: None if it has none. states: of its ingredients, by Food.id. nutrients: value.per_100_g
+    with its components.
     """
 
     food: Food
@@ -113,7 +117,10 @@ def author_of(caller: StaffCaller) -> str:
 
 
 def create_food(database: Database, key: str, edit: FoodEdit, editor: Editor) -> FoodView:
-    """Create a food, as version 1. Raises ConflictError `food_exists`, and what edit_food raises."""
+    """Create a food, as version 1.
+
+    Raises ConflictError `food_exists`, and what edit_food raises.
+    """
     exists_error = ConflictError(
         f"There is already a food {key!r}: correct it instead.", code="food_exists", food=key
     )
@@ -138,8 +145,8 @@ def edit_food(
 ) -> FoodView:
     """Create a new version of a food with these changes; return the current one if nothing would change.
 
-    expected: the versions (Food.id) that the edit applies to; None: any.
-    Raises NotFoundError; PreconditionFailedError if another version is in force; InvalidInputError if a component is
+    expected: the versions (Food.id) that the edit applies to; None: any. Raises NotFoundError;
+    PreconditionFailedError if another version is in force; InvalidInputError if a component is
     unknown, or a unit, figure or recipe is invalid.
     """
     return _new_version(
@@ -150,7 +157,10 @@ def edit_food(
 def preview_edit(
     database: Database, key: str, edit: FoodEdit, *, expected: Collection[int] | None = None
 ) -> Differences:
-    """Return what edit_food would change: field -> [old, new], as in the history. Writes nothing; raises the same."""
+    """Return what edit_food would change: field -> [old, new], as in the history.
+
+    Writes nothing; raises the same.
+    """
     with database.read() as session:
         current = require_food(session, key)
         _require_expected(current, expected)
@@ -160,7 +170,10 @@ def preview_edit(
 
 
 def read_version(database: Database, key: str, food_id: int | None = None) -> FoodVersion:
-    """Return a version of the food of this key; food_id None: the version in force. Raises NotFoundError."""
+    """Return a version of the food of this key; food_id None: the version in force.
+
+    Raises NotFoundError.
+    """
     with database.read() as session:
         current = require_food(session, key)
         food = current if food_id is None else session.get(Food, food_id)
@@ -189,7 +202,10 @@ def add_density(
     *,
     expected: Collection[int] | None = None,
 ) -> FoodView:
-    """Create a version of a food with this density before others of the same basis. Raises what edit_food raises."""
+    """Create a version of a food with this density before others of the same basis.
+
+    Raises what edit_food raises.
+    """
 
     def put_first(_: Session, __: Food, draft: _Draft) -> _Draft:
         return replace(
@@ -312,9 +328,8 @@ def _apply_edit(session: Session, draft: _Draft, edit: FoodEdit) -> _Draft:
     }
     if per_100_g != draft.value.per_100_g:
         problem = why_impossible(per_100_g)
-        if (
-            problem is not None and why_impossible(draft.value.per_100_g) is None
-        ):  # otherwise it was impossible before
+        # otherwise it was impossible before
+        if problem is not None and why_impossible(draft.value.per_100_g) is None:
             raise InvalidInputError(problem, code="figures_impossible")
         value = _checked(lambda: replace(value, per_100_g=per_100_g))
     return _Draft(value, recipe)

@@ -93,7 +93,10 @@ def withdraw(
     reason: str,
     at: datetime,
 ) -> bool:
-    """Withdraw a study's measurement; return False if it does not exist or is withdrawn. One of two callers wins."""
+    """Withdraw a study's measurement; return False if it does not exist or is withdrawn.
+
+    One of two callers wins.
+    """
     query = (
         sa.update(StudyDensity)
         .where(

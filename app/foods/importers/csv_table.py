@@ -1,8 +1,8 @@
 """Read our own template for national and local tables: a CSV file, one row per food; densities and portions beside it.
 
-The columns are described in docs/foods.md; docs/food-template.csv is an example. An empty cell means "not known",
-never 0. Figures are per 100 g edible portion; each component's column names its unit, which is converted within its
-quantity.
+The columns are described in docs/foods.md; docs/food-template.csv is an example. An empty cell
+means "not known", never 0. Figures are per 100 g edible portion; each component's column names its
+unit, which is converted within its quantity.
 """
 
 import hashlib
@@ -116,8 +116,8 @@ class _Row:
 def read_csv_table(path: Path, *, name: str, version: str, released_on: date) -> ImportedTable:
     """Read and validate a table: a CSV file, or foods.csv, densities.csv and portions.csv of a folder or zip.
 
-    name: of the release, and the first part of each food's key. Raises ImportFileError, with file, line and column, at
-    the first error; InvalidInputError if name or version is invalid.
+    name: of the release, and the first part of each food's key. Raises ImportFileError, with file,
+    line and column, at the first error; InvalidInputError if name or version is invalid.
     """
     if not _NAME.fullmatch(name) or name in RESERVED_NAMES:
         why = "lower-case letters, digits, '.', '_' and '-', 2 to 50 of them, and no name of a published table"
@@ -359,8 +359,8 @@ def _beside(
 def _require_likely_energy(file: str, foods: Sequence[Food]) -> None:
     """Raise ImportFileError if energies differ widely from those of the macronutrients: kcal in a column of kJ.
 
-    Uses the median over at least ten foods with all of them: single foods may deviate (polyols, fibre, vinegar), and
-    general Atwater factors are within some 20 % for most.
+    Uses the median over at least ten foods with all of them: single foods may deviate (polyols,
+    fibre, vinegar), and general Atwater factors are within some 20 % for most.
     """
     ratios = []
     for food in foods:

@@ -1,7 +1,8 @@
 """Read the workbook of the FAO/INFOODS Density Database 2.0 (2012): densities of foods by name, without nutrients.
 
-Only names and headings indicate whether a density is of the piece or of a heap, and how the food was prepared. Where
-they do not decide it, the row is left out: a density of the wrong kind is worse than none.
+Only names and headings indicate whether a density is of the piece or of a heap, and how the food
+was prepared. Where they do not decide it, the row is left out: a density of the wrong kind is worse
+than none.
 """
 
 import hashlib
@@ -62,23 +63,23 @@ _READY = re.compile(r"^(bread|cake|breakfast|porridge,|rice, puffed)", re.IGNORE
 _COOKED = _words("boiled|cooked|fried|poached")
 _UNCOOKED = _words("raw|dry|dried|fresh|flour")
 
-# Lower-case prefixes of headings. Fruits, meat and eggs are in no list: the sheet does not say whether whole or cut.
+# Lower-case prefixes of headings. Fruits, meat and eggs are in no list: the sheet does not say
+# whether whole or cut.
 _LIQUID_SECTIONS = ("beverages", "beer", "spirits", "wine", "milk", "oils", "soups")
 _BULK_SECTIONS = (
     "cereal", "tubers", "nuts", "vegetables", "legumes", "herbes", "fish", "snacks", "mixed dishes", "dairy",
 )  # fmt: skip
 _DRY_SECTION = "cereal"
-_COOKED_OR_RAW_SECTIONS = (
-    "tubers",
-    "vegetables",
-    "legumes",
-    "fish",
-)  # without an indication they may be either
+# without an indication they may be either
+_COOKED_OR_RAW_SECTIONS = ("tubers", "vegetables", "legumes", "fish")
 
 
 @dataclass(frozen=True, slots=True)
 class FaoRow:
-    """One row. row: its number in the sheet, from 1. half_range: of a published range, or 0. biblio_id: its source.
+    """One row.
+
+    row: its number in the sheet, from 1. half_range: of a published range, or 0. biblio_id: its
+    source.
 
     section: the heading above it.
     """
@@ -92,7 +93,10 @@ class FaoRow:
 
 
 def read_fao_density(path: Path) -> ImportedTable:
-    """Return a food per row whose kind of density is clear. Raises ImportFileError as read_fao_rows does."""
+    """Return a food per row whose kind of density is clear.
+
+    Raises ImportFileError as read_fao_rows does.
+    """
     skipped, foods = Skipped(), []
     for row in read_fao_rows(path).values():
         why, form = _why_left_out(row), _form(row)
@@ -126,7 +130,10 @@ def read_fao_density(path: Path) -> ImportedTable:
 def fao_density(
     row: FaoRow, form: FoodForm, kind: DensityKind, state: str, *, relative_sd: float | None = None
 ) -> Density:
-    """Return a row as a density. relative_sd: replaces the usual spread, which is never less than a range's half."""
+    """Return a row as a density.
+
+    relative_sd: replaces the usual spread, which is never less than a range's half.
+    """
     share = usual_relative_sd(form, kind) if relative_sd is None else relative_sd
     sd = max(share * row.g_per_ml, row.half_range_g_per_ml)
     text = f'FAO/INFOODS 2012, Density Database 2.0, row {row.row} "{row.name}" ({row.biblio_id})'
@@ -136,7 +143,8 @@ def fao_density(
 def read_fao_rows(path: Path) -> Mapping[int, FaoRow]:
     """Return row number -> row, for the rows with a density or a specific gravity; a range gives its middle.
 
-    Raises ImportFileError if the file is missing or not such a workbook, or a figure in it is invalid.
+    Raises ImportFileError if the file is missing or not such a workbook, or a figure in it is
+    invalid.
     """
     try:
         cells = [*_cells(path)]
@@ -205,7 +213,10 @@ def _why_left_out(row: FaoRow) -> str | None:
 
 
 def _form(row: FaoRow) -> FoodForm | None:
-    """Return the form of the weighed food; a slab represents any food without air. None if it is unclear."""
+    """Return the form of the weighed food; a slab represents any food without air.
+
+    None if it is unclear.
+    """
     if _UNCLEAR.match(row.name):
         return None
     if _CRUMB.match(row.name) or _SPREAD.match(row.name):

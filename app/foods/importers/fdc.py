@@ -1,9 +1,9 @@
 """Read and validate FoodData Central's CSV release, a zip or folder, with all or some of its data sets.
 
-Foundation, SR Legacy and Survey (FNDDS) foods are imported; branded foods and laboratory samples are only counted. The
-full release has more than twenty million nutrient values, nearly all of branded foods: files are streamed, and only
-rows of imported foods are kept in memory.
-Columns as in the releases of 2020 to 2026; FNDDS names its nutrients by number (208), the others by id (1008).
+Foundation, SR Legacy and Survey (FNDDS) foods are imported; branded foods and laboratory samples
+are only counted. The full release has more than twenty million nutrient values, nearly all of
+branded foods: files are streamed, and only rows of imported foods are kept in memory. Columns as in
+the releases of 2020 to 2026; FNDDS names its nutrients by number (208), the others by id (1008).
 """
 
 import re
@@ -35,7 +35,8 @@ from app.nutrition.usual_form import cup_kind, is_mixed_dish, usual_form, usual_
 
 FORMAT = "fdc"
 
-# In order of preference: analysed foods first. The value is the data set's part of a release's name.
+# In order of preference: analysed foods first. The value is the data set's part of a release's
+# name.
 DATA_TYPES = {
     "foundation_food": "foundation",
     "sr_legacy_food": "sr-legacy",
@@ -344,10 +345,12 @@ class FdcRelease:
 
 
 def read_fdc(path: Path) -> ImportedTable:
-    """Read and validate the whole release. Raises ImportFileError, with file and line, at the first error.
+    """Read and validate the whole release.
 
-    It is named fdc if it has all three data sets, otherwise after those it has (fdc-survey), so that one data set does
-    not replace another.
+    Raises ImportFileError, with file and line, at the first error.
+
+    It is named fdc if it has all three data sets, otherwise after those it has (fdc-survey), so
+    that one data set does not replace another.
     """
     release = FdcRelease(path)
     contents, used = release.contents()

@@ -22,9 +22,8 @@ NO_UNIT = "undetermined"
 LABORATORY_UNITS = frozenset(
     {"paired cooked w", "paired raw w", "dripping w", "orig ckd g", "orig rw g"}
 )
-NOT_EDIBLE = frozenset(
-    {"peel", "unpeeled", "whole in shell", "in shell"}
-)  # modifiers of weights that include or are waste
+# modifiers of weights that include or are waste
+NOT_EDIBLE = frozenset({"peel", "unpeeled", "whole in shell", "in shell"})
 
 _LEADING = re.compile(
     r"^(?:(?P<whole>\d+(?:\.\d+)?)(?![\d/]))?\s*(?:(?P<part>\d+)/(?P<of>[1-9]\d*))?\s+(?=\S)"
@@ -72,9 +71,12 @@ def portion_of(
     units: Mapping[str, str],
     skipped: Skipped,
 ) -> Portion | None:
-    """Convert one row. fields: amount, measure unit's id, description, modifier, grams. units: id -> name.
+    """Convert one row.
 
-    Returns None for a row that is not a household measure, and counts it. Raises ImportFileError for an invalid figure.
+    fields: amount, measure unit's id, description, modifier, grams. units: id -> name.
+
+    Returns None for a row that is not a household measure, and counts it. Raises ImportFileError
+    for an invalid figure.
     """
     amount_text, unit_id, description, modifier, grams = fields
     unit = units.get(unit_id, NO_UNIT) if unit_id else NO_UNIT

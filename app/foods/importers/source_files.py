@@ -29,7 +29,8 @@ _CHUNK = 1 << 20
 # Stricter than float(), which accepts 1_000, inf, nan and the digits of other scripts.
 _NUMBER = re.compile(r"\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*\Z", re.ASCII)
 
-# Errors that zipfile raises on damaged files: its own, and those caused by a wrong offset, length or flag.
+# Errors that zipfile raises on damaged files: its own, and those caused by a wrong offset, length
+# or flag.
 DAMAGED_ZIP = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, LookupError,
 )  # fmt: skip
@@ -79,7 +80,10 @@ class Place(NamedTuple):
         return value
 
     def text(self, field: str, text: str, limit: int) -> str:
-        """Return a field's text in one line. Raises ImportFileError if it is empty or longer than `limit`."""
+        """Return a field's text in one line.
+
+        Raises ImportFileError if it is empty or longer than `limit`.
+        """
         collapsed = " ".join(text.split())
         if not collapsed:
             raise self.error(f"{field} is empty")
@@ -97,7 +101,9 @@ class Place(NamedTuple):
 
 
 class SourceFiles:
-    """The files at a path: a zip, a folder, or one plain file. Names are matched without folder, ignoring case.
+    """The files at a path: a zip, a folder, or one plain file.
+
+    Names are matched without folder, ignoring case.
 
     plain_file: the name of the one plain file, None for a zip or a folder.
 
@@ -148,7 +154,10 @@ class SourceFiles:
         return digest.hexdigest()
 
     def lines(self, name: str, encoding: str) -> Iterator[tuple[int, str]]:
-        """Yield each line with its number, from 1, without its end. Raises ImportFileError for another encoding."""
+        """Yield each line with its number, from 1, without its end.
+
+        Raises ImportFileError for another encoding.
+        """
         with self.open(name) as file:
             for number, raw in enumerate(file, start=1):
                 yield number, _decode(raw, encoding, name, number)
@@ -174,7 +183,10 @@ class SourceFiles:
     def csv_rows(
         self, name: str, columns: Iterable[str] = ()
     ) -> Iterator[tuple[Place, dict[str, str]]]:
-        """Yield each row of a UTF-8 CSV file, its trimmed fields by column. Raises errors as csv_fields does."""
+        """Yield each row of a UTF-8 CSV file, its trimmed fields by column.
+
+        Raises errors as csv_fields does.
+        """
         header = self.csv_header(name, columns)
         for place, fields in self.csv_fields(name, header):
             yield place, dict(zip(header, fields, strict=True))
@@ -184,8 +196,9 @@ class SourceFiles:
     ) -> Iterator[tuple[Place, tuple[str, ...]]]:
         """Yield each row's trimmed fields of these columns, with the line that the row ends in.
 
-        of: yield only the rows whose first of these fields is in it. Raises ImportFileError as csv_header does, and if
-        a row is longer or shorter than the header, or a quote is never closed.
+        of: yield only the rows whose first of these fields is in it. Raises ImportFileError as
+        csv_header does, and if a row is longer or shorter than the header, or a quote is never
+        closed.
         """
         columns = tuple(columns)
         header = self.csv_header(name, columns)
@@ -212,16 +225,18 @@ class SourceFiles:
     def _csv_lines(self, name: str) -> Iterator[str]:
         with self.open(name) as file:
             for number, raw in enumerate(file, start=1):
-                if (
-                    raw.isascii() and b"\0" not in raw
-                ):  # the fast path for nearly all of twenty million lines
+                # the fast path for nearly all of twenty million lines
+                if raw.isascii() and b"\0" not in raw:
                     yield raw.decode("ascii")
                 else:
                     yield _decode(raw, "utf-8-sig", name, number) + "\n"
 
     @contextmanager
     def open(self, name: str) -> Iterator[IO[bytes]]:
-        """Open one file to read bytes. Raises ImportFileError if it is missing, or the zip is damaged there."""
+        """Open one file to read bytes.
+
+        Raises ImportFileError if it is missing, or the zip is damaged there.
+        """
         self.require([name])
         (member,) = self._members[name.upper()]
         try:
@@ -283,7 +298,9 @@ def _is_utf8(raw: bytes) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class ImportedTable:
-    """A release to be written. source: the importer's format. components: all components of its foods.
+    """A release to be written.
+
+    source: the importer's format. components: all components of its foods.
 
     skipped: the things left out.
     """
@@ -331,8 +348,8 @@ def unit_of(name: str) -> Unit | None:
 def source_component(place: Place, number: str, name: str, unit_name: str) -> SourceComponent:
     """Return a source's component by its number, with the conversion to the component's unit.
 
-    An unknown number becomes a new component without a tagname. Raises ImportFileError if the unit is unknown, or
-    measures another quantity than the component's.
+    An unknown number becomes a new component without a tagname. Raises ImportFileError if the unit
+    is unknown, or measures another quantity than the component's.
     """
     if len(number) > MAX_COMPONENT_NUMBER:
         raise place.error(f"component number {number!r} is too long to be one")

@@ -1,8 +1,9 @@
 """Read and validate USDA's National Nutrient Database for Standard Reference, release 28, ASCII, as zip or folder.
 
-Fields are separated by ^, texts enclosed in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the encoding is
-Windows-1252 (only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf of the release. In the
-published release every food has nutrient values and every value its food; otherwise a file was truncated or altered.
+Fields are separated by ^, texts enclosed in ~, lines end in CR LF (in WEIGHT.txt CR CR LF), the
+encoding is Windows-1252 (only NUTR_DEF.txt uses it, for the micro sign). Documented in sr28_doc.pdf
+of the release. In the published release every food has nutrient values and every value its food;
+otherwise a file was truncated or altered.
 """
 
 import re
@@ -38,15 +39,17 @@ RELEASED_ON = date(2016, 5, 1)  # September 2015, revised May 2016
 ENCODING = "cp1252"
 
 _PERCENT_FIRST = re.compile(r"^(?P<percent>\d+(?:\.\d+)?)\s*%\s*(?P<part>.+)$")
-_NO_ALIAS = re.compile(
-    r"URMIS|commodity|\d{3}", re.IGNORECASE
-)  # codes of the meat trade and of government programmes
+# codes of the meat trade and of government programmes
+_NO_ALIAS = re.compile(r"URMIS|commodity|\d{3}", re.IGNORECASE)
 _PERCENT_LAST = re.compile(r"^(?P<part>.+?),?\s*(?P<percent>\d+(?:\.\d+)?)\s*%$")
 
 
 @dataclass(frozen=True, slots=True)
 class Sr28Food:
-    """A line of FOOD_DES.txt. refuse_percent: 0 where the field is empty. refuse_words: Ref_desc as published."""
+    """A line of FOOD_DES.txt.
+
+    refuse_percent: 0 where the field is empty. refuse_words: Ref_desc as published.
+    """
 
     ndb_number: str
     group_code: str
@@ -164,7 +167,10 @@ class Sr28Release:
 
 
 def read_sr28(path: Path) -> ImportedTable:
-    """Read and validate the whole release. Raises ImportFileError, with file and line, at the first error."""
+    """Read and validate the whole release.
+
+    Raises ImportFileError, with file and line, at the first error.
+    """
     release, skipped = Sr28Release(path), Skipped()
     contents, portions = release.contents(release.foods), release.portions(skipped)
     foods = [
@@ -214,8 +220,9 @@ def _food(
 def parse_refuse(description: str, percent: float) -> list[tuple[str, float]]:
     """Parse Ref_desc and Refuse of a food: parts with their percent of the whole food; [] if there is no refuse.
 
-    "8% core, 16% crown, 26% parings" gives three parts, "Core and stem" one. The published parts are rounded and may
-    not add up to the published total (here 50 and 49), so they are scaled to it.
+    "8% core, 16% crown, 26% parings" gives three parts, "Core and stem" one. The published parts
+    are rounded and may not add up to the published total (here 50 and 49), so they are scaled to
+    it.
     """
     if percent == 0.0:
         return []

@@ -16,7 +16,8 @@ Trigram = sa.String(3).with_variant(sa.String(3, collation="C"), "postgresql")
 class FoodCode(Base):
     """A food's id in a published table, such as (sr28_ndb, 09003); joins the same food of two releases.
 
-    Foods of a table that has only densities also have their folded name here, under the system "label".
+    Foods of a table that has only densities also have their folded name here, under the system
+    "label".
     """
 
     __tablename__ = "food_code"
@@ -44,11 +45,14 @@ class FoodWordTrigram(Base):
 
 
 class FoodPosting(Base):
-    """A food has this word in a label. rank: how well the food answers a search for that word alone; lowest is best.
+    """A food has this word in a label.
 
-    The word "ba*" represents all words that begin with ba, so that the best foods for a short prefix are read in order
-    (nutrition/search.py, posting_ranks). The key covers everything that a search scans, the food's release too: a
-    word's best foods are adjacent, and no other table is read.
+    rank: how well the food answers a search for that word alone; lowest is best.
+
+    The word "ba*" represents all words that begin with ba, so that the best foods for a short
+    prefix are read in order (nutrition/search.py, posting_ranks). The key covers everything that a
+    search scans, the food's release too: a word's best foods are adjacent, and no other table is
+    read.
     """
 
     __tablename__ = "food_posting"

@@ -60,7 +60,8 @@ _SIMILAR = (
 class WordPattern:
     """The words of postings to match: one of `words`, or any that begins with `begun`.
 
-    short: the starred word with the best foods for a prefix of one or two letters, scanned in place of all its words.
+    short: the starred word with the best foods for a prefix of one or two letters, scanned in place
+    of all its words.
     """
 
     words: frozenset[str]
@@ -76,7 +77,10 @@ class Scope:
     groups: tuple[str, ...] | None
 
     def holds(self, row: FoodRow) -> bool:
-        """Return whether a food is in scope. Not in SQL: a planner without statistics would scan all foods."""
+        """Return whether a food is in scope.
+
+        Not in SQL: a planner without statistics would scan all foods.
+        """
         is_listed = self.groups is None or row.food_group in self.groups
         return is_listed and row.superseded_by_id is None and row.release_id in self.release_ids
 
@@ -108,7 +112,8 @@ def foods_with_words(
 ) -> list[int]:
     """Return the ids of the best `limit` foods that have all the words, by their rank for the first word.
 
-    words: the rarest first, since its postings are scanned. scanned: scan only that many of its best foods.
+    words: the rarest first, since its postings are scanned. scanned: scan only that many of its
+    best foods.
     """
     first, *other_words = words
     rank = sa.func.min(FoodPosting.rank).label("rank")

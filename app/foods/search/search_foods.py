@@ -54,7 +54,8 @@ def search_foods(
 ) -> list[FoodMatch]:
     """Return foods of the releases in force, best match first; without words, in the tables' order.
 
-    group: exact name, ignoring case; an unknown one has no foods. Words without a letter or a digit match nothing.
+    group: exact name, ignoring case; an unknown one has no foods. Words without a letter or a digit
+    match nothing.
     """
     with database.read() as session:
         releases = {release.id: release for release in _searched_releases(session)}
@@ -189,9 +190,8 @@ def _foods_with(session: Session, query: Query, scope: index.Scope, most: int) -
         return index.foods_with_words(session, words, scope, most)
     counts = index.count_postings(session, words)
     rarest_first = [words[i] for i in sorted(range(len(words)), key=counts.__getitem__)]
-    if (
-        min(counts) > SCANNED
-    ):  # if many foods have all the words, enough of them are among the first
+    # if many foods have all the words, enough of them are among the first
+    if min(counts) > SCANNED:
         food_ids = index.foods_with_words(
             session, rarest_first, scope, most, scanned=max(SCANNED, most)
         )
@@ -275,7 +275,10 @@ def _match_row(
 
 @dataclass(frozen=True, slots=True)
 class ListedFood:
-    """A matched food. energy_kcal: of 100 g edible portion; density: the chosen one. None: not known."""
+    """A matched food.
+
+    energy_kcal: of 100 g edible portion; density: the chosen one. None: not known.
+    """
 
     food: FoodMatch
     energy_kcal: float | None

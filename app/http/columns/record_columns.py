@@ -1,6 +1,7 @@
 """The columns of exported records (a row an item): those of the API's record, its food as key and name; provenance.
 
-RECORD_COLUMNS are what a page of JSON has; PROVENANCE_COLUMNS, which files have behind them, tell where it comes from.
+RECORD_COLUMNS are what a page of JSON has; PROVENANCE_COLUMNS, which files have behind them, tell
+where it comes from.
 """
 
 from app.http.columns.dictionary import Column

@@ -1,9 +1,12 @@
-"""Compare one person's mean of a few days with a reference intake; the verdict is mostly open. Pure.
+"""Compare one person's mean of a few days with a reference intake; the verdict is mostly open.
 
-The interval is of the mean over the observed days (Student's t, 90 %), without the uncertainty of the measurement. An
-RDA or AI is a goal: a mean whose whole interval is above it reaches it. Below an RDA means less than recommended, not
-too little; below an AI means nothing, since the effect of less is not known (IOM 2000, Dietary Reference Intakes:
-Applications in Dietary Assessment, chapter 3). Above the CDRR, eating less lowers the risk of chronic disease.
+Pure.
+
+The interval is of the mean over the observed days (Student's t, 90 %), without the uncertainty of
+the measurement. An RDA or AI is a goal: a mean whose whole interval is above it reaches it. Below
+an RDA means less than recommended, not too little; below an AI means nothing, since the effect of
+less is not known (IOM 2000, Dietary Reference Intakes: Applications in Dietary Assessment, chapter
+3). Above the CDRR, eating less lowers the risk of chronic disease.
 """
 
 import math
@@ -26,8 +29,8 @@ Verdict = Literal[
 class Comparison:
     """A mean of days with its 90 % interval, in the reference's unit, and the verdict.
 
-    open: the days do not decide. open_adequate: below an AI. open_coverage: not all contents are known, so the mean is
-    a lower bound.
+    open: the days do not decide. open_adequate: below an AI. open_coverage: not all contents are
+    known, so the mean is a lower bound.
     """
 
     mean: float
@@ -47,9 +50,12 @@ class Comparison:
 def compare_intake(
     daily: Sequence[float], reference: float, kind: Kind, *, is_covered: bool
 ) -> Comparison:
-    """Compare a person's days with a reference. is_covered: whether the amounts include everything that was eaten.
+    """Compare a person's days with a reference.
 
-    Raises ValueError for fewer than MIN_DAYS days, amounts that are not finite, or a reference that is not positive.
+    is_covered: whether the amounts include everything that was eaten.
+
+    Raises ValueError for fewer than MIN_DAYS days, amounts that are not finite, or a reference that
+    is not positive.
     """
     days = len(daily)
     if (

@@ -1,8 +1,8 @@
 """Energy by equation, kcal per day: estimated requirement (IOM 2002/2005) and basal metabolic rate (Schofield 1985).
 
-An energy is computed only if all inputs of its equation are known and within its range; otherwise the result is a
-`LeftOut` that names the inputs missing or outside. No weight, height or activity is ever assumed. An equation describes
-the mean of similar people, not an individual.
+An energy is computed only if all inputs of its equation are known and within its range; otherwise
+the result is a `LeftOut` that names the inputs missing or outside. No weight, height or activity is
+ever assumed. An equation describes the mean of similar people, not an individual.
 """
 
 import math
@@ -26,10 +26,8 @@ OVERWEIGHT_SOURCE = (
 )
 BMR_SOURCE = "Schofield 1985, as in FAO/WHO/UNU 2004: Human Energy Requirements"
 
-NORMAL_BMI = (
-    18.5,
-    25.0,
-)  # kg/m2; the adults' EER was fitted within this range, the overweight adults' equation above it
+# kg/m2; the adults' EER was fitted within this range, the overweight adults' equation above it
+NORMAL_BMI = (18.5, 25.0)
 WEIGHT_LIMITS_KG = (1.0, 400.0)  # values outside are typing errors or wrong units (pounds, grams)
 HEIGHT_LIMITS_M = (0.3, 2.6)  # likewise (centimetres, feet)
 
@@ -38,8 +36,9 @@ HEIGHT_LIMITS_M = (0.3, 2.6)  # likewise (centimetres, feet)
 class Person:
     """Properties of a person that energy equations use; None if not known.
 
-    weight_kg: in pregnancy, the weight before it. trimester: of the pregnancy. lactation_months: completed months since
-    birth, while the child is breastfed. Raises ValueError if values are impossible or contradict each other.
+    weight_kg: in pregnancy, the weight before it. trimester: of the pregnancy. lactation_months:
+    completed months since birth, while the child is breastfed. Raises ValueError if values are
+    impossible or contradict each other.
     """
 
     age_years: float
@@ -81,7 +80,10 @@ class Person:
 
 @dataclass(frozen=True, slots=True)
 class Energy:
-    """An energy by equation. sd_kcal: standard error of the equation's prediction, if its source gives it."""
+    """An energy by equation.
+
+    sd_kcal: standard error of the equation's prediction, if its source gives it.
+    """
 
     kcal_per_day: float
     equation: str
@@ -123,35 +125,25 @@ class _Equation:
         )
 
 
-_GROWTH_KCAL = (
-    (9.0, 25.0),
-    (3.0, 20.0),
-)  # from this age in years, energy deposited per day (IOM 2002/2005)
-_INFANT_GROWTH_KCAL = (
-    (13, 20.0),
-    (7, 22.0),
-    (4, 56.0),
-    (0, 175.0),
-)  # likewise, from this completed month
-_TRIMESTER_KCAL: Mapping[Trimester, float] = {
-    1: 0.0,
-    2: 340.0,
-    3: 452.0,
-}  # 8 per week of pregnancy, and 180 deposited
-_LACTATION_KCAL = (
-    (6, 400.0),
-    (0, 500.0 - 170.0),
-)  # milk, minus energy from the mother's weight loss
+# from this age in years, energy deposited per day (IOM 2002/2005)
+_GROWTH_KCAL = ((9.0, 25.0), (3.0, 20.0))
+# likewise, from this completed month
+_INFANT_GROWTH_KCAL = ((13, 20.0), (7, 22.0), (4, 56.0), (0, 175.0))
+# 8 per week of pregnancy, and 180 deposited
+_TRIMESTER_KCAL: Mapping[Trimester, float] = {1: 0.0, 2: 340.0, 3: 452.0}
+# milk, minus energy from the mother's weight loss
+_LACTATION_KCAL = ((6, 400.0), (0, 500.0 - 170.0))
 _LAST_LACTATION_MONTH = 12  # the equations end there
 
 
 def estimated_energy_requirement(person: Person) -> Energy | LeftOut:
     """Return the energy that balances a healthy person of this age, sex, weight, height and activity, with growth.
 
-    Below 3 years from age and weight alone. 3 to 18 years: for children of normal weight, which is not checked, since
-    that needs growth charts. Adults: EER for a body mass index from 18.5 to below 25 kg/m2; above, the equation for
-    overweight and obese adults, which maintains the weight; below, left out. Pregnancy and lactation are added to the
-    EER; with a body mass index above normal they are left out, since their source does not cover it.
+    Below 3 years from age and weight alone. 3 to 18 years: for children of normal weight, which is
+    not checked, since that needs growth charts. Adults: EER for a body mass index from 18.5 to
+    below 25 kg/m2; above, the equation for overweight and obese adults, which maintains the weight;
+    below, left out. Pregnancy and lactation are added to the EER; with a body mass index above
+    normal they are left out, since their source does not cover it.
     """
     if person.age_years < 3.0:
         return _infant_requirement(person)

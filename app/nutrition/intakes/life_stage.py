@@ -1,7 +1,8 @@
 """Life stages of the Dietary Reference Intakes: age, sex, pregnancy and lactation -> the column of the tables.
 
-Ages are completed years ("14-18 years" ends on the 19th birthday) or, below one year, completed months. The tables have
-one column for both sexes up to 8 years; from 9 years they differ, so a sex is required: the columns are never averaged.
+Ages are completed years ("14-18 years" ends on the 19th birthday) or, below one year, completed
+months. The tables have one column for both sexes up to 8 years; from 9 years they differ, so a sex
+is required: the columns are never averaged.
 """
 
 import math
@@ -71,9 +72,10 @@ def life_stage(
 ) -> LifeStage:
     """Return the stage of a person of this age (years, with decimals for infants: 5 months are 5 / 12).
 
-    The tables' "0-6 months" ends with the sixth completed month, "7-12 months" with the first birthday.
-    Raises ValueError if the age is impossible, if the tables need a sex that is not given, for a pregnant or lactating
-    male, for pregnancy and lactation together (the tables have no such column), or for either outside 14 to 50 years.
+    The tables' "0-6 months" ends with the sixth completed month, "7-12 months" with the first
+    birthday. Raises ValueError if the age is impossible, if the tables need a sex that is not
+    given, for a pregnant or lactating male, for pregnancy and lactation together (the tables have
+    no such column), or for either outside 14 to 50 years.
     """
     check_age(age_years)
     if is_pregnant or is_lactating:

@@ -36,11 +36,12 @@ BASES: tuple[Basis, ...] = get_args(Basis)
 class ReferenceIntake:
     """One nutrient's reference values for one stage, in `unit` per day, or per day and kilogram of body weight.
 
-    number: the component to compare EAR, RDA, AI and CDRR with, subject to `compared_with`. A figure that the source
-    does not set is None; a nutrient has an RDA or an AI, never both.
-    ear: meets the requirement of half the group. rda: of nearly all. ai: assumed to be adequate, if no EAR is known.
-    ul: highest intake without expected harm, of the sources in ul_scope, compared with component ul_number, which is
-    None if no component of food tables measures it. cdrr: above it, eating less lowers chronic disease risk.
+    number: the component to compare EAR, RDA, AI and CDRR with, subject to `compared_with`. A
+    figure that the source does not set is None; a nutrient has an RDA or an AI, never both. ear:
+    meets the requirement of half the group. rda: of nearly all. ai: assumed to be adequate, if no
+    EAR is known. ul: highest intake without expected harm, of the sources in ul_scope, compared
+    with component ul_number, which is None if no component of food tables measures it. cdrr: above
+    it, eating less lowers chronic disease risk.
     """
 
     number: str
@@ -79,7 +80,10 @@ def reference_intakes(stage: LifeStage) -> tuple[ReferenceIntake, ...]:
 
 
 def distribution_ranges(age_years: float) -> tuple[DistributionRange, ...]:
-    """Return the AMDRs at this age; below one year the source sets none. Raises ValueError for an impossible age."""
+    """Return the AMDRs at this age; below one year the source sets none.
+
+    Raises ValueError for an impossible age.
+    """
     check_age(age_years)
     return tuple(
         DistributionRange(
@@ -136,7 +140,8 @@ def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
 class Recommendation:
     """Grams per day of one or several groups together: at least low_g, at most high_g, target_g in the source's diet.
 
-    basis: what the grams refer to; only those of food as eaten compare with what a camera sees. note: caveats.
+    basis: what the grams refer to; only those of food as eaten compare with what a camera sees.
+    note: caveats.
     """
 
     source: str
@@ -150,7 +155,10 @@ class Recommendation:
 
 
 def recommendations(age_years: float) -> tuple[Recommendation, ...]:
-    """Return the recommendations for this age: WHO from 2 years, EAT-Lancet for adults. Raises ValueError."""
+    """Return the recommendations for this age: WHO from 2 years, EAT-Lancet for adults.
+
+    Raises ValueError.
+    """
     check_age(age_years)
     return tuple(
         recommendation

@@ -1,15 +1,17 @@
 """Estimate the share of a group whose usual intake is below the EAR, from a few days of each person. Pure.
 
-Means of a few days scatter more than usual intakes, since days differ: unadjusted, far too many are below (or above) a
-cut-point. So each person's mean is shrunk towards the group's until the means scatter as usual intakes do (National
-Research Council 1986, Nutrient Adequacy; Institute of Medicine 2000, Dietary Reference Intakes: Applications in Dietary
-Assessment, chapter 4 and appendix E), on a scale where days are nearly normal:
+Means of a few days scatter more than usual intakes, since days differ: unadjusted, far too many are
+below (or above) a cut-point. So each person's mean is shrunk towards the group's until the means
+scatter as usual intakes do (National Research Council 1986, Nutrient Adequacy; Institute of
+Medicine 2000, Dietary Reference Intakes: Applications in Dietary Assessment, chapter 4 and appendix
+E), on a scale where days are nearly normal:
 
     t_i = m + (mean_i - m) sqrt(b / (b + w / k_i))
 
-with b, w the variances between persons and within them, k_i the person's number of days. On the scale of amounts a
-usual intake is the mean over days, not the transform of t_i: t_i is averaged over the within-person scatter (as in
-Nusser et al. 1996). Then persons below the EAR are counted (the EAR cut-point, Beaton 1994).
+with b, w the variances between persons and within them, k_i the person's number of days. On the
+scale of amounts a usual intake is the mean over days, not the transform of t_i: t_i is averaged
+over the within-person scatter (as in Nusser et al. 1996). Then persons below the EAR are counted
+(the EAR cut-point, Beaton 1994).
 """
 
 import math
@@ -61,7 +63,8 @@ class Variances:
 class UsualIntakes:
     """A group's usual intakes, in the unit of the days, and the share below the cut-point with its 90 % interval.
 
-    usual: (n,), one per person, in order. unadjusted_share: of the unadjusted means, for comparison.
+    usual: (n,), one per person, in order. unadjusted_share: of the unadjusted means, for
+    comparison.
     """
 
     persons: int
@@ -94,9 +97,10 @@ def judge_group(
 ) -> UsualIntakes | NotJudged:
     """Estimate the usual intakes of a group and the share below `ear`.
 
-    days_by_person: each person's daily amounts, at least one; differences below zero (more left over than served,
-    within the error) count as zero. rng: draws the persons for the interval.
-    Raises ValueError for an amount that is not finite, a person without a day, or an EAR that is not positive.
+    days_by_person: each person's daily amounts, at least one; differences below zero (more left
+    over than served, within the error) count as zero. rng: draws the persons for the interval.
+    Raises ValueError for an amount that is not finite, a person without a day, or an EAR that is
+    not positive.
     """
     if not (math.isfinite(ear) and ear > 0.0):
         raise ValueError(f"an EAR is positive, not {ear}")
@@ -154,7 +158,10 @@ class PersonSums:
 
     @classmethod
     def of(cls, amounts: Floats, counts: Counts) -> Self:
-        """Compute the statistics. amounts: all days, (N,), person after person. counts: days per person, (n,), >= 1."""
+        """Compute the statistics.
+
+        amounts: all days, (N,), person after person. counts: days per person, (n,), >= 1.
+        """
         starts = _starts(counts)
         means = np.add.reduceat(amounts, starts) / counts
         squares = np.add.reduceat((amounts - np.repeat(means, counts)) ** 2, starts)
@@ -165,7 +172,10 @@ class PersonSums:
         return type(self)(self.counts[indices], self.means[indices], self.squares[indices])
 
     def variances(self) -> Variances:
-        """Return the variance components. Searle 1971: E(MSB) = w + n0 b, n0 = (N - sum k^2 / N) / (n - 1)."""
+        """Return the variance components.
+
+        Searle 1971: E(MSB) = w + n0 b, n0 = (N - sum k^2 / N) / (n - 1).
+        """
         persons, days = self.counts.size, self.counts.sum()
         if days == persons:  # a draw without repeated days: the two cannot be separated
             return Variances(float(self.means.mean()), 0.0, 0.0)
@@ -198,8 +208,9 @@ def usual_amounts(scale: Scale, sums: PersonSums, variances: Variances) -> Float
 def drawn_shares(scale: Scale, sums: PersonSums, ear: float, rng: np.random.Generator) -> Floats:
     """Return the share below `ear` in each of BOOTSTRAPS resampled groups of the same size, (BOOTSTRAPS,).
 
-    Equals `np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)` of each, without computing the amounts: they
-    increase with the person's mean, so each draw and number of days has a mean below which they are below the EAR.
+    Equals `np.mean(usual_amounts(scale, drawn, drawn.variances()) < ear)` of each, without
+    computing the amounts: they increase with the person's mean, so each draw and number of days has
+    a mean below which they are below the EAR.
     """
     persons = sums.counts.size
     order = np.lexsort((sums.means, sums.counts))  # by number of days; then by mean
@@ -215,7 +226,9 @@ def drawn_shares(scale: Scale, sums: PersonSums, ear: float, rng: np.random.Gene
 
 
 def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> Floats:
-    """Return the share below `ear` of each draw, (d,). sums: (n,), ordered by number of days, then by mean.
+    """Return the share below `ear` of each draw, (d,).
+
+    sums: (n,), ordered by number of days, then by mean.
 
     times: (d, n), how many times each person was drawn.
     """
@@ -228,9 +241,8 @@ def _shares_below(scale: Scale, sums: PersonSums, times: Floats, ear: float) -> 
     limit = _mean_of(scale, ear, within)  # of the adjusted means
     spread = between[:, None] + within[:, None] / k
     shrink = np.sqrt(between[:, None] / np.where(spread > 0.0, spread, 1.0))
-    limits = mean[:, None] + (limit - mean)[:, None] / np.where(
-        shrink > 0.0, shrink, 1.0
-    )  # of the unadjusted ones
+    # of the unadjusted ones
+    limits = mean[:, None] + (limit - mean)[:, None] / np.where(shrink > 0.0, shrink, 1.0)
     below = np.zeros(len(times))
     for place, part in enumerate(parts):
         ends = np.searchsorted(sums.means[part], limits[:, place])
@@ -271,7 +283,8 @@ def _mean_of(scale: Scale, usual: float, within: Floats) -> Floats:
     mean = np.full_like(within, _onto(scale, np.array(usual)))
     if scale == "logarithm":
         return mean - np.log(np.exp(np.sqrt(within)[:, None] * _NODES) @ _WEIGHTS)
-    # Newton's method from above: the usual amount is convex in the mean, and at least the amount of the mean
+    # Newton's method from above: the usual amount is convex in the mean, and at least the amount of
+    # the mean
     power = _POWERS[scale]
     for _ in range(MOST_STEPS):
         days = np.maximum(mean[:, None] + np.sqrt(within)[:, None] * _NODES, 0.0)

@@ -1,6 +1,7 @@
 """`tada doctor`: report a deployment's problems in sentences; with `requeue`, queue stuck meals again.
 
-A list of independent checks, each of one subject, so that a failed one hides only those that need it.
+A list of independent checks, each of one subject, so that a failed one hides only those that need
+it.
 """
 
 from collections.abc import Callable, Iterator
@@ -22,7 +23,10 @@ log = structlog.get_logger()
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """look: returns None if there is nothing to report. needs: subjects whose checks must have passed."""
+    """look: returns None if there is nothing to report.
+
+    needs: subjects whose checks must have passed.
+    """
 
     subject: str
     look: Callable[[Deployment], Verdict | None]
@@ -76,7 +80,10 @@ CHECKS = (
 
 
 def examine(database: Database, settings: Settings, *, requeue: bool) -> list[Finding]:
-    """Run all checks. Changes nothing unless `requeue`; a part that does not answer is a finding too."""
+    """Run all checks.
+
+    Changes nothing unless `requeue`; a part that does not answer is a finding too.
+    """
     return list(_findings(Deployment(database, settings, requeue)))
 
 

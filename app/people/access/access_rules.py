@@ -1,10 +1,13 @@
-"""Who may call which route: one table, denied by default. Calls of a route without a rule are refused.
+"""Who may call which route: one table, denied by default.
 
-A rule names who may call: anyone, a participant's phone, staff with at least a role in the study concerned, or admins.
-`authorise` runs before every route: it finds the rule and the caller and, if the path names a study, checks that the
-caller may enter it. If the study follows from something else, such as a meal, the use case calls `require_study`, which
-checks the role that the rule requires. An app has the rules of its extras as well (app/main.py); docs/access.md is
-generated from all of them.
+Calls of a route without a rule are refused.
+
+A rule names who may call: anyone, a participant's phone, staff with at least a role in the study
+concerned, or admins. `authorise` runs before every route: it finds the rule and the caller and, if
+the path names a study, checks that the caller may enter it. If the study follows from something
+else, such as a meal, the use case calls `require_study`, which checks the role that the rule
+requires. An app has the rules of its extras as well (app/main.py); docs/access.md is generated from
+all of them.
 """
 
 import uuid
@@ -50,9 +53,10 @@ bearer = HTTPBearer(
 class Rule:
     """Who may call a route.
 
-    staff: the least role in the study; "any": all staff; None: no staff. Admins may call whatever staff may call.
-    session: staff must have signed in with a password; a personal token is not enough. scraper: only readers of metrics
-    (app/metrics/server.py). page: called by a browser with the session in a cookie (people/access/page_rules.py).
+    staff: the least role in the study; "any": all staff; None: no staff. Admins may call whatever
+    staff may call. session: staff must have signed in with a password; a personal token is not
+    enough. scraper: only readers of metrics (app/metrics/server.py). page: called by a browser with
+    the session in a cookie (people/access/page_rules.py).
     """
 
     is_open: bool = False
@@ -249,9 +253,9 @@ def authorise(
 ) -> Caller | None:
     """Return the caller if the route's rule allows the call; None if the route is open.
 
-    Raises UnauthenticatedError, GoneError (`withdrawn`; `meal_deleted` for a change of a deleted meal),
-    RateLimitedError, NotAllowedError, NotFoundError (a study in which they have no role), InvalidInputError
-    (`parameter_unknown`, `parameter_repeated`).
+    Raises UnauthenticatedError, GoneError (`withdrawn`; `meal_deleted` for a change of a deleted
+    meal), RateLimitedError, NotAllowedError, NotFoundError (a study in which they have no role),
+    InvalidInputError (`parameter_unknown`, `parameter_repeated`).
     """
     call = request.method, request.scope["route"].path
     rule: Rule | None = request.app.state.rules.get(call)
@@ -303,7 +307,10 @@ async def current_staff(caller: Annotated[Caller, Depends(current_caller)]) -> S
 
 
 def _refuse_deleted_meal(state: ApiState, caller: Caller, client_id: str) -> None:
-    """Refuse a change of a deleted meal before its body is read. Reads are answered later (privacy/me_api.py)."""
+    """Refuse a change of a deleted meal before its body is read.
+
+    Reads are answered later (privacy/me_api.py).
+    """
     if not isinstance(caller, DeviceCaller):
         return
     try:
@@ -355,7 +362,10 @@ def _count(request: Request, state: ApiState, caller: Caller) -> None:
 
 
 def _apply(rule: Rule, caller: Caller, method: str) -> Caller:
-    """Return the caller with the role that the rule requires. Raises NotAllowedError if the rule refuses them."""
+    """Return the caller with the role that the rule requires.
+
+    Raises NotAllowedError if the rule refuses them.
+    """
     if isinstance(caller, DeviceCaller):
         if not rule.device:
             code = "admin_only" if rule.staff == "admin" else "staff_only"

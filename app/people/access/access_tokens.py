@@ -57,8 +57,8 @@ def create_token(
 ) -> tuple[str, TokenOut]:
     """Create a token. Returns it, to be shown once, and its description.
 
-    Its rights follow its creator's roles at each call, restricted by scope and study. Raises NotFoundError (a study in
-    which they have no role), ConflictError (`too_many_tokens`).
+    Its rights follow its creator's roles at each call, restricted by scope and study. Raises
+    NotFoundError (a study in which they have no role), ConflictError (`too_many_tokens`).
     """
     token, now, study_ids = new_token(), datetime.now(UTC), studies_with_role(caller)
     with database.write() as session:
@@ -67,9 +67,8 @@ def create_token(
             study is None or (study_ids is not None and study.id not in study_ids)
         ):
             raise NotFoundError("There is no such study.")
-        session.get_one(
-            Staff, caller.staff_id, with_for_update=True
-        )  # concurrent calls must not pass the limit
+        # concurrent calls must not pass the limit
+        session.get_one(Staff, caller.staff_id, with_for_update=True)
         if len(people.personal_tokens(session, caller.staff_id, now)) >= MAX_TOKENS:
             raise ConflictError(
                 f"You have {MAX_TOKENS} tokens, the limit: delete one that you do not use.",

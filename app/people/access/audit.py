@@ -1,6 +1,7 @@
 """Write the audit log: every read of photographs and every change, in the transaction of the action itself.
 
-People appear by alias. Events never contain a password, token, code, name of an eaten food, or free text.
+People appear by alias. Events never contain a password, token, code, name of an eaten food, or free
+text.
 """
 
 import uuid
@@ -24,7 +25,8 @@ def note(
 ) -> None:
     """Write an event. caller None: the server itself. action: such as "study.change".
 
-    subject: an alias, or an id or code that is not a person's. details: field names, counts, codes; JSON values.
+    subject: an alias, or an id or code that is not a person's. details: field names, counts, codes;
+    JSON values.
     """
     kind, actor = _actor(caller)
     if study_id is None and isinstance(caller, DeviceCaller):

@@ -205,9 +205,8 @@ def audit_file(
 ) -> Response:
     """Return all events that match the filter as a file; details are JSON text in CSV."""
     rows = stream_audit(state.database, caller, study, chosen)
-    first = list(
-        islice(rows, 1)
-    )  # read before the response begins, so that a failing database gives an error document
+    # read before the response begins, so that a failing database gives an error document
+    first = list(islice(rows, 1))
     return StreamingResponse(
         encode_flat(
             output,

@@ -1,8 +1,8 @@
 """The caller of a request and their rights in studies: a bearer token gives a `Caller` or UnauthenticatedError.
 
-Tokens are opaque; only their SHA-256 is stored. The route's rule (access_rules.py) sets the role that the caller needs.
-A study in which the caller has no role answers 404, one in which the role is too low 403. An admin has every role in
-every study.
+Tokens are opaque; only their SHA-256 is stored. The route's rule (access_rules.py) sets the role
+that the caller needs. A study in which the caller has no role answers 404, one in which the role is
+too low 403. An admin has every role in every study.
 """
 
 import hashlib
@@ -22,9 +22,8 @@ from app.people.models import ROLES, Role
 
 TOKEN_BYTES = 32  # 256 bits
 CODE_BYTES = 16  # 128 bits
-SESSION_IDLE = timedelta(
-    hours=2
-)  # an unused session ends after it; its last use is stored every 5 minutes
+# an unused session ends after it; its last use is stored every 5 minutes
+SESSION_IDLE = timedelta(hours=2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +40,9 @@ class DeviceCaller:
 class StaffCaller:
     """A person who runs the server or works with the data, by a session or a personal token.
 
-    roles: role by study, restricted to the token's study. needs: the role that the route requires (access_rules.py).
-    can_write: the token's scope. kind: signed in with a password ("session"), or with a token created for scripts.
+    roles: role by study, restricted to the token's study. needs: the role that the route requires
+    (access_rules.py). can_write: the token's scope. kind: signed in with a password ("session"), or
+    with a token created for scripts.
     """
 
     staff_id: uuid.UUID
@@ -62,8 +62,9 @@ Caller = DeviceCaller | StaffCaller
 def authenticate(database: Database, box: SecretBox, token: str) -> Caller:
     """Return the caller whom a token belongs to.
 
-    Raises UnauthenticatedError with the same message for an unknown, expired or revoked token, GoneError (`withdrawn`)
-    for a token whose participant has left the study, with the id of the withdrawal's `receipt`.
+    Raises UnauthenticatedError with the same message for an unknown, expired or revoked token,
+    GoneError (`withdrawn`) for a token whose participant has left the study, with the id of the
+    withdrawal's `receipt`.
     """
     token_sha256, now = sha256_hex(token), datetime.now(UTC)
     with database.read() as session:
@@ -120,7 +121,10 @@ def role_in(caller: StaffCaller, study_id: uuid.UUID) -> Role | None:
 
 
 def visible_studies(caller: Caller) -> frozenset[uuid.UUID] | None:
-    """Return the studies whose data the route may show to the caller; None: all. A phone may see its own study."""
+    """Return the studies whose data the route may show to the caller; None: all.
+
+    A phone may see its own study.
+    """
     if isinstance(caller, DeviceCaller):
         return frozenset({caller.study_id})
     if caller.is_admin:

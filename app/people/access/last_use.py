@@ -1,6 +1,7 @@
 """Store when a phone or a token was last used, at most once in five minutes, without delaying the request.
 
-One thread writes; if the database is locked, full or unreachable, the use is not stored and the request is unaffected.
+One thread writes; if the database is locked, full or unreachable, the use is not stored and the
+request is unaffected.
 """
 
 import contextlib
@@ -42,7 +43,8 @@ class LastUse:
     def note(self, caller: Caller, headers: Mapping[str, str]) -> None:
         """Note a use, unless one of this caller was noted recently. Returns at once.
 
-        headers: of the request; phones send their time in `Date` and the app's version in `X-App-Version`.
+        headers: of the request; phones send their time in `Date` and the app's version in
+        `X-App-Version`.
         """
         key = caller.device_id if isinstance(caller, DeviceCaller) else caller.token_id
         with self._lock:

@@ -1,8 +1,8 @@
 """Access rules of the dashboard: each page has the rule of the API call that it shows or makes.
 
-So whoever may make the call may see the page, and a page can change no more than the call. Only the transport differs:
-the session's token is in a cookie that scripts cannot read, a change must come from one of our pages, and pages that
-poll do not keep a session alive.
+So whoever may make the call may see the page, and a page can change no more than the call. Only the
+transport differs: the session's token is in a cookie that scripts cannot read, a change must come
+from one of our pages, and pages that poll do not keep a session alive.
 """
 
 from collections.abc import Mapping
@@ -176,7 +176,10 @@ POLLED: frozenset[Call] = frozenset(
 
 
 def session_cookie(request: Request, settings: Settings) -> str:
-    """Return the cookie's name. Under HTTPS its prefix prevents that another host or plain HTTP sets it."""
+    """Return the cookie's name.
+
+    Under HTTPS its prefix prevents that another host or plain HTTP sets it.
+    """
     return "__Host-tada_session" if is_https(request, settings) else "tada_session"
 
 
@@ -186,10 +189,12 @@ def is_https(request: Request, settings: Settings) -> bool:
 
 
 def require_own_page(request: Request, settings: Settings) -> None:
-    """Check that one of our pages sent the request, against forgery (CSRF). Raises NotAllowedError (`cross_site`).
+    """Check that one of our pages sent the request, against forgery (CSRF).
 
-    Browsers send the origin of a request, and pages cannot change it: Sec-Fetch-Site, or Origin over plain HTTP. A
-    request with neither does not come from one of our forms.
+    Raises NotAllowedError (`cross_site`).
+
+    Browsers send the origin of a request, and pages cannot change it: Sec-Fetch-Site, or Origin
+    over plain HTTP. A request with neither does not come from one of our forms.
     """
     site = request.headers.get("sec-fetch-site")
     origin = request.headers.get("origin")
@@ -205,5 +210,8 @@ def require_own_page(request: Request, settings: Settings) -> None:
 
 
 def study_address(study: str, *parts: object) -> str:
-    """Return the address of a study's page. parts: path segments below the study, such as "participants", "P001"."""
+    """Return the address of a study's page.
+
+    parts: path segments below the study, such as "participants", "P001".
+    """
     return "/".join([f"{PREFIX}/studies", *[quote(str(part), safe="") for part in (study, *parts)]])

@@ -20,7 +20,8 @@ from app.core.errors import InvalidInputError, UnavailableError
 MIN_LENGTH = 12
 MAX_LENGTH = 200  # a passphrase fits; a megabyte to hash does not
 LEAST_GUESSES = 1e8  # zxcvbn's threshold for resisting guesses against a slow hash
-ESTIMATED_LENGTH = 72  # characters whose strength is estimated; takes 25 ms and grows with the square of the length
+# characters whose strength is estimated; takes 25 ms and grows with the square of the length
+ESTIMATED_LENGTH = 72
 MAX_CONCURRENT = 2  # hashes at the same time in one process: 128 MiB
 MAX_WAITING = 16  # further callers; each holds a thread of the server
 # RFC 9106, section 4, second recommended option: 64 MiB, 3 passes, 4 lanes
@@ -30,7 +31,10 @@ SALT_BYTES, DIGEST_BYTES, ARGON2_VERSION = 16, 32, 19  # of the hasher's hashes;
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Whether the password was right. fresh_hash: its hash with current parameters, if the stored one has others."""
+    """Whether the password was right.
+
+    fresh_hash: its hash with current parameters, if the stored one has others.
+    """
 
     is_right: bool
     fresh_hash: str | None = None
@@ -46,7 +50,10 @@ class Passwords:
         self._dummy_hash = _random_hash()
 
     def hash(self, password: str, *, name: str) -> str:
-        """Check and hash a new password of the staff member `name`. Raises InvalidInputError (`password_refused`)."""
+        """Check and hash a new password of the staff member `name`.
+
+        Raises InvalidInputError (`password_refused`).
+        """
         password = _normalise(password)
         if not MIN_LENGTH <= len(password) <= MAX_LENGTH:
             raise _refusal(f"A password has {MIN_LENGTH} to {MAX_LENGTH} characters.")
@@ -96,7 +103,8 @@ def _hasher() -> PasswordHash:
 def _random_hash() -> str:
     """Return a hash to check when there is none, so that an unknown name takes as long as a wrong password.
 
-    It is drawn at random: computing one would take the memory of a sign-in at every start. No known password matches.
+    It is drawn at random: computing one would take the memory of a sign-in at every start. No known
+    password matches.
     """
     salt, digest = (
         b64encode(token_bytes(count)).decode().rstrip("=") for count in (SALT_BYTES, DIGEST_BYTES)

@@ -1,7 +1,8 @@
 """Uses of the server's secret key: encrypting secrets that are needed again, and keyed digests of erased ids.
 
-Two keys are derived from TADA_SECRET_KEY by HKDF. On the embedded default the key is drawn once and stored in the data
-folder, readable by its owner only; beyond one machine it must be set, since all processes need the same key.
+Two keys are derived from TADA_SECRET_KEY by HKDF. On the embedded default the key is drawn once and
+stored in the data folder, readable by its owner only; beyond one machine it must be set, since all
+processes need the same key.
 """
 
 import base64
@@ -31,7 +32,10 @@ class SecretKeyError(TadaError):
 
 
 class SecretBox:
-    """Seals secrets and makes digests with one key. Cheap to create, safe to share between threads."""
+    """Seals secrets and makes digests with one key.
+
+    Cheap to create, safe to share between threads.
+    """
 
     def __init__(self, key: str) -> None:
         self._fernet = Fernet(base64.urlsafe_b64encode(_derive_key(key, "seal")))
@@ -75,7 +79,9 @@ def existing_secret_box(settings: Settings) -> SecretBox | None:
 
 
 def require_same_key(database: Database, box: SecretBox) -> None:
-    """Compare the key with the one that the database was first used with. Raises SecretKeyError if it is another one.
+    """Compare the key with the one that the database was first used with.
+
+    Raises SecretKeyError if it is another one.
 
     With another key erased meals would not be recognised, and would be accepted again.
     """
@@ -89,9 +95,12 @@ def require_same_key(database: Database, box: SecretBox) -> None:
 
 
 def keep_key(database: Database, box: SecretBox) -> None:
-    """Note that the database is used with this key, the first time. Raises SecretKeyError if it is used with another.
+    """Note that the database is used with this key, the first time.
 
-    To be called once all else that knows the key, such as the ledger of erasures, has been read with it.
+    Raises SecretKeyError if it is used with another.
+
+    To be called once all else that knows the key, such as the ledger of erasures, has been read
+    with it.
     """
     with database.read() as session:
         is_kept = privacy.key_check(session) is not None

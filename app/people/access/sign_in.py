@@ -35,11 +35,15 @@ ADDRESS_FACTOR = 3
 NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
 WINDOW = timedelta(minutes=1)
 FAILURES_KEPT, SUCCESSES_KEPT = timedelta(hours=1), timedelta(days=90)
-LOCK = 7_346_210_988  # of PostgreSQL, that attempts are counted one after the other: any number of our own
+# of PostgreSQL, that attempts are counted one after the other: any number of our own
+LOCK = 7_346_210_988
 
 
 def sign_in(database: Database, passwords: Passwords, name: str, password: str) -> SessionIssued:
-    """Open a session. Raises UnauthenticatedError (`sign_in_failed`): unknown name, wrong password or disabled."""
+    """Open a session.
+
+    Raises UnauthenticatedError (`sign_in_failed`): unknown name, wrong password or disabled.
+    """
     with database.read() as session:
         candidate = people.find_staff(session, normal_name(name))
     checked_hash = candidate.password_hash if candidate is not None else None
@@ -141,8 +145,8 @@ def _failure() -> UnauthenticatedError:
 class SignInLimits:
     """per_minute: attempts of one name from one address.
 
-    A name's limit over all addresses does not apply to addresses from which that person has signed in before, so a
-    distributed attack keeps them out at new addresses only.
+    A name's limit over all addresses does not apply to addresses from which that person has signed
+    in before, so a distributed attack keeps them out at new addresses only.
     """
 
     def __init__(self, database: Database, box: SecretBox, per_minute: int) -> None:

@@ -46,7 +46,10 @@ class ChangedStaff:
 
 
 def create_admin(database: Database, name: str) -> str:
-    """Create an admin for the command line and return their personal token. Raises ConflictError."""
+    """Create an admin for the command line and return their personal token.
+
+    Raises ConflictError.
+    """
     token = new_token()
     with unless_taken(_exists_error(name)), database.write() as session:
         staff = _add(session, None, name, is_admin=True, password_hash=None)
@@ -148,7 +151,10 @@ def change_staff(
 
 
 def load_staff(session: Session, name: str, *, lock: bool = False) -> Staff:
-    """Return the staff member with a name, locked until commit if `lock` is set. Raises NotFoundError."""
+    """Return the staff member with a name, locked until commit if `lock` is set.
+
+    Raises NotFoundError.
+    """
     staff = people.find_staff(session, normal_name(name), lock=lock)
     if staff is None:
         raise NotFoundError("There is no such staff member.")
@@ -161,9 +167,12 @@ def normal_name(name: str) -> str:
 
 
 def _new_name(name: str) -> str:
-    """Normalise and check the name of a new staff member. Raises InvalidInputError (`staff_name_invalid`).
+    """Normalise and check the name of a new staff member.
 
-    Names appear in URLs and in the log, so e-mail addresses and characters that URLs escape are refused.
+    Raises InvalidInputError (`staff_name_invalid`).
+
+    Names appear in URLs and in the log, so e-mail addresses and characters that URLs escape are
+    refused.
     """
     cleaned = normal_name(name)
     fits = 0 < len(cleaned) <= NAME_LENGTH and cleaned[:1].isalnum()
@@ -218,7 +227,10 @@ def list_members(
 def set_member(
     database: Database, caller: StaffCaller, study_code: str, name: str, role: Role
 ) -> MemberOut:
-    """Give a staff member a role in a study or change it. Raises NotFoundError, ConflictError (`last_owner`)."""
+    """Give a staff member a role in a study or change it.
+
+    Raises NotFoundError, ConflictError (`last_owner`).
+    """
     with database.write() as session:
         study, staff, member = _find_member(session, study_code, name)
         if staff.disabled_at is not None:
@@ -236,7 +248,10 @@ def set_member(
 
 
 def remove_member(database: Database, caller: StaffCaller, study_code: str, name: str) -> None:
-    """Remove a member from a study, which their tokens no longer reach. Raises NotFoundError, ConflictError."""
+    """Remove a member from a study, which their tokens no longer reach.
+
+    Raises NotFoundError, ConflictError.
+    """
     with database.write() as session:
         study, staff, member = _find_member(session, study_code, name)
         if member is None:

@@ -1,9 +1,9 @@
 """Web apps of others (CORS): which origins' pages may call the API from a browser.
 
-Origins of TADA_WEB_ORIGINS may call with any token, a study's own ones (`web_origins`) with tokens of its participants'
-phones. A preflight has no token, so it is answered for either kind; `require_origin` then compares the call's origin
-with the token's study. No cookies and no `*`: the token is a header, and the dashboard, which has a cookie, is not
-covered.
+Origins of TADA_WEB_ORIGINS may call with any token, a study's own ones (`web_origins`) with tokens
+of its participants' phones. A preflight has no token, so it is answered for either kind;
+`require_origin` then compares the call's origin with the token's study. No cookies and no `*`: the
+token is a header, and the dashboard, which has a cookie, is not covered.
 """
 
 import re
@@ -49,7 +49,8 @@ ANSWER_HEADERS = (
 def parse_origin(text: str) -> str:
     """Return an origin as browsers write it: lower case, without its scheme's usual port.
 
-    Raises InvalidInputError (`origin_invalid`): not scheme://host or scheme://host:port, or http beyond this machine.
+    Raises InvalidInputError (`origin_invalid`): not scheme://host or scheme://host:port, or http
+    beyond this machine.
     """
     match = ORIGIN.fullmatch(text.strip().lower())
     if match is None or int(match[3] or 0) > 65535:
@@ -143,7 +144,6 @@ def _read_origins(database: Database) -> list[tuple[uuid.UUID, list[str]]]:
         with database.read() as session:
             return people.web_origins(session)
     except sqlalchemy.exc.SQLAlchemyError as error:
-        log.warning(
-            "web_origins_unknown", error=type(error).__name__
-        )  # the call itself reports the database
+        # the call itself reports the database
+        log.warning("web_origins_unknown", error=type(error).__name__)
         return []

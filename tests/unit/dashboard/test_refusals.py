@@ -7,7 +7,7 @@ import pytest
 from pydantic import Field, TypeAdapter, ValidationError
 
 from app.core.errors import ConflictError
-from app.dashboard.forms import Model, WrongFormError, read_form, refused
+from app.dashboard.forms import Model, WrongFormError, read_form, refused, sentence, sentence_of_request
 from app.exports.releases.schemas import ReleaseIn
 from app.people.schemas import ParticipantPatch
 
@@ -60,4 +60,4 @@ def test_parameter_or_field_that_cannot_be_read_is_named_and_an_empty_one_keeps_
     with pytest.raises(WrongFormError) as error:
         read_form(ReleaseIn, {"name": "first"}, {"note": "This cannot be read."})
     assert error.value.wrong == {"note": "This cannot be read."}
-    assert refused(ConflictError("It exists."), "name").wrong == {"name": "It exists."}
+    assert refused(ConflictError("It exists."), name="name").wrong == {"name": "It exists."}
