@@ -94,21 +94,14 @@ def staff_enable(name: str) -> None:
 @staff_cli.command("list")
 def staff_list() -> None:
     """List all staff by name: admin or not, password or token only, and since when they are disabled."""
+    from app.http.paging import all_rows
     from app.people.access.staff import list_staff
 
     with opened_database() as database:
-        cursor = None
-        while True:
-            page = list_staff(database, cursor=cursor, limit=1000)
-            for row in page.rows:
-                disabled = (
-                    f", disabled {row.disabled_at:%Y-%m-%d}" if row.disabled_at is not None else ""
-                )
-                by = "password" if row.password_hash is not None else "token only"
-                print(f"{row.name}: {'admin' if row.is_admin else 'staff'}, {by}{disabled}")
-            cursor = page.cursor
-            if cursor is None:
-                return
+        for row in all_rows(lambda cursor: list_staff(database, cursor=cursor, limit=1000)):
+            disabled = f", disabled {row.disabled_at:%Y-%m-%d}" if row.disabled_at else ""
+            by = "password" if row.password_hash is not None else "token only"
+            print(f"{row.name}: {'admin' if row.is_admin else 'staff'}, {by}{disabled}")
 
 
 def read_password(path: Path | None) -> str:

@@ -216,17 +216,14 @@ def _has_worker(database: "Database") -> bool:
 
 
 def _rows(database: "Database", study: str, works: Works) -> Iterator["ComparedItemOut"]:
+    from app.http.paging import all_rows
     from app.records.remeasurements.remeasurements import Requester, list_compared
 
-    cursor = None
-    while True:
-        page = list_compared(
+    return all_rows(
+        lambda cursor: list_compared(
             database, Requester(author()), study, works[study], cursor=cursor, limit=1000
         )
-        yield from page.rows
-        cursor = page.cursor
-        if cursor is None:
-            return
+    )
 
 
 def _print_views(

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Annotated, Any, Generic, TypeVar, overload
@@ -125,6 +125,15 @@ def page_of(
     return Page(
         list(rows[:limit]), encode_cursor(listed, *(last if isinstance(last, tuple) else (last,)))
     )
+
+
+def all_rows(read: Callable[[str | None], Page[Row]]) -> Iterator[Row]:
+    """Yield the rows of all pages. read: cursor -> page."""
+    page = read(None)
+    yield from page.rows
+    while page.cursor is not None:
+        page = read(page.cursor)
+        yield from page.rows
 
 
 def next_page(request: Request, cursor: str | None) -> str | None:

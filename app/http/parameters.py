@@ -9,7 +9,11 @@ from typing import Annotated
 
 from fastapi import Header, Path, Query
 
-from app.core.errors import MalformedRequestError, PreconditionRequiredError
+from app.core.errors import (
+    MalformedRequestError,
+    PreconditionFailedError,
+    PreconditionRequiredError,
+)
 from app.http.text_schemas import LocalDay
 from app.photos.slots import ImageSlot
 
@@ -84,6 +88,18 @@ def expected_versions(if_match: str | None) -> frozenset[int] | None:
         )
     tags = (match["strong"] or "" for match in _ETAG.finditer(if_match))
     return frozenset(int(tag) for tag in tags if tag.isascii() and tag.isdigit() and len(tag) < 19)
+
+
+def require_version(version: int, expected: frozenset[int] | None, what: str) -> None:
+    """Raise PreconditionFailedError unless a change may be made from this version. expected: None: from any.
+
+    what: what was changed meanwhile, such as "study"
+    """
+    if expected is not None and version not in expected:
+        raise PreconditionFailedError(
+            f"The {what} was changed after you read it: read it again, then change it.",
+            version=version,
+        )
 
 
 def is_held(if_none_match: str | None, etag: str) -> bool:

@@ -6,9 +6,10 @@ from typing import TypedDict
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
+from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database, unless_taken
 from app.http.paging import TEXT, Page, decode_cursor, page_of
+from app.http.parameters import require_version
 from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import Caller, StaffCaller, require_study, studies_with_role
@@ -105,11 +106,7 @@ def change_study(
     """
     with database.write() as session:
         study = load_study(session, code, lock=True)
-        if expected is not None and study.version not in expected:
-            raise PreconditionFailedError(
-                "The study was changed after you read it: read it again, then change it.",
-                version=study.version,
-            )
+        require_version(study.version, expected, "study")
         day_started = study.day_starts_minutes
         changed = _apply(study, changes)
         if study.day_starts_minutes != day_started and people.has_meals(session, study.id):

@@ -17,13 +17,11 @@ def page_of_vessels(
     *,
     is_in_use: bool | None,
     after: str | None,
-    limit: int | None,
+    limit: int,
 ) -> Sequence[VesselRow]:
     """A study's vessels by name, those behind the key `after`.
 
     is_in_use: only these; None: retired ones too.
-
-    limit: None: all.
     """
     query = _vessels(study_id).order_by(StudyVessel.name_key).limit(limit)
     if is_in_use is not None:

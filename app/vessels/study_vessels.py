@@ -11,9 +11,10 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, InvalidInputError, NotFoundError, PreconditionFailedError
+from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.session import Database
-from app.http.paging import TEXT, Page, decode_cursor, encode_cursor
+from app.http.paging import TEXT, Page, all_rows, decode_cursor, page_of
+from app.http.parameters import require_version
 from app.people.access.audit import note
 from app.people.access.caller import DeviceCaller, StaffCaller
 from app.people.models import Study
@@ -104,17 +105,16 @@ def list_vessels(
             session, study.id, is_in_use=is_in_use, after=after, limit=limit + 1
         )
     views = [VesselView(*row) for row in rows]
-    if len(rows) <= limit:
-        return Page(views, None)
-    return Page(views[:limit], encode_cursor(listed, rows[limit - 1][0].name_key))
+    return page_of(listed, views, limit, lambda view: view.vessel.name_key)
 
 
 def all_vessels(database: Database, study_code: str) -> list[VesselView]:
     """A study's vessels by name, retired ones too, however many. Raises NotFoundError."""
-    with database.read() as session:
-        study = load_study(session, study_code)
-        rows = vessels.page_of_vessels(session, study.id, is_in_use=None, after=None, limit=None)
-    return [VesselView(*row) for row in rows]
+
+    def read(cursor: str | None) -> Page[VesselView]:
+        return list_vessels(database, study_code, is_in_use=None, cursor=cursor, limit=1000)
+
+    return list(all_rows(read))
 
 
 def vessels_of_phone(database: Database, caller: DeviceCaller) -> list[VesselView]:
@@ -172,11 +172,7 @@ def change_vessel(
     with database.write() as session:
         study = _locked_study(session, study_code)
         vessel, current = _known(vessels.find_vessel(session, study.id, vessel_id))
-        if expected is not None and vessel.version not in expected:
-            raise PreconditionFailedError(
-                "The vessel was changed after you read it: read it again, then change it.",
-                version=vessel.version,
-            )
+        require_version(vessel.version, expected, "vessel")
         name = measures.get("name")
         if isinstance(name, str) and name_key(name) != vessel.name_key:
             raise ConflictError(

@@ -7,9 +7,10 @@ from datetime import UTC, datetime
 
 from sqlalchemy.orm import Session
 
-from app.core.errors import ConflictError, NotFoundError, PreconditionFailedError
+from app.core.errors import ConflictError, NotFoundError
 from app.db.session import Database
 from app.http.paging import ID, INSTANT, Page, decode_cursor, page_of
+from app.http.parameters import require_version
 from app.outbox import write as outbox
 from app.outbox.models import PING, Webhook, WebhookDelivery
 from app.outbox.write import enabled_webhooks
@@ -104,11 +105,7 @@ class Webhooks:
             self._check_url(url)
         with self.database.write() as session:
             hook = self._find(session, webhook_id, lock=True)
-            if expected is not None and hook.version not in expected:
-                raise PreconditionFailedError(
-                    "The webhook was changed after you read it: read it again, then change it.",
-                    version=hook.version,
-                )
+            require_version(hook.version, expected, "webhook")
             changed = []
             if url is not None and url != hook.url:
                 hook.url = url

@@ -23,9 +23,10 @@ from app.http.paging import (
     WHOLE_NUMBER,
     Limit,
     Page,
+    all_rows,
     decode_cursor,
-    encode_cursor,
     next_page,
+    page_of,
     require_order,
 )
 from app.http.parameters import StudyCode
@@ -112,22 +113,18 @@ def read_audit(
         rows = privacy.page_of_audit(
             session, chosen, after=after, limit=limit + 1, is_newest_first=is_newest_first
         )
-    return Page(
-        rows[:limit], encode_cursor(list_name, rows[limit - 1].id) if len(rows) > limit else None
-    )
+    return page_of(list_name, rows, limit, lambda row: row.id)
 
 
 def stream_audit(
     database: Database, caller: StaffCaller, study_code: str | None, chosen: AuditFilter
 ) -> Iterator[AuditRow]:
     """Stream all events that match the filter, a page per query."""
-    cursor = None
-    while True:
-        page = read_audit(database, caller, study_code, chosen, cursor=cursor, limit=STREAM_PAGE)
-        yield from page.rows
-        cursor = page.cursor
-        if cursor is None:
-            return
+    return all_rows(
+        lambda cursor: read_audit(
+            database, caller, study_code, chosen, cursor=cursor, limit=STREAM_PAGE
+        )
+    )
 
 
 def _chosen(
