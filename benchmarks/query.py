@@ -48,7 +48,7 @@ from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller, visible_rows
 from app.people.access.staff import create_admin
 from app.people.models import AccessToken, Device, Participant, Staff, Study, StudyMember
-from app.records.page_queries import AFTER_INSTANT, AFTER_ITEM, BEFORE_ALL, search_of
+from app.records.page_queries import search_of
 from app.records.review.queries import QueueFilter, page_of_queue
 from app.records.review.review_items import read_queue
 from benchmarks import query_data, query_exports
@@ -356,11 +356,9 @@ def positions(database: Database, who: Who, chosen: RowFilter) -> list[tuple[str
             return found
         if not database.is_sqlite:
             session.execute(sa.text("SET LOCAL statement_timeout = 0"))
-        page = search.pages(FAR)
+        page = search.page(None, FAR)
         ahead = sa.select(page).order_by(page.c.captured_at.desc(), page.c.item_id.desc()).limit(1)
-        far = session.execute(
-            ahead, {AFTER_INSTANT: BEFORE_ALL[0], AFTER_ITEM: BEFORE_ALL[1]}
-        ).first()
+        far = session.execute(ahead).first()
         if far is not None:
             found.append(
                 ("page 1,001", encode_cursor(list_name("records", visible), far[0], far[1]))
