@@ -1,4 +1,4 @@
-"""Delete the blobs of erasures and orphans, and find blobs that are missing.
+"""Delete the blobs of erasures and orphans.
 
 Blobs of erasures are deleted after another check against the database, orphans after a grace time.
 It runs periodically beside the jobs (operations/chores.py). Concurrent runs are harmless: deleting
@@ -8,13 +8,11 @@ a blob that does not exist succeeds.
 import os
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
-from hashlib import blake2b
 from itertools import islice
 
-import numpy as np
 import structlog
 
 from app.db import spent_keys
@@ -32,8 +30,6 @@ BATCH = 200
 MAX_CONSECUTIVE_FAULTS = 3
 # far longer than an upload or an estimate takes from sealing to commit
 ORPHAN_GRACE = timedelta(hours=24)
-KEYS_COMPARED_AT_ONCE = 10_000
-MAX_LOOKUPS = 1000  # keys looked up one by one; for further ones the listing decides
 
 SLICE_SECONDS = 10.0
 
@@ -144,48 +140,6 @@ class BlobDeleter:
         for blob_key in keys:
             self._blobs.delete(blob_key)
             instruments.BLOBS_DELETED.labels("erased").inc()
-
-
-@dataclass(frozen=True, slots=True)
-class MissingBlobs:
-    """The result. total: keys compared; first: the first missing keys."""
-
-    total: int
-    missing: int
-    first: tuple[str, ...]
-
-
-def find_missing(keys: Iterable[str], blobs: BlobStore) -> MissingBlobs:
-    """Return the keys that the database names and the store lacks, by listing the store once.
-
-    Eight bytes of a hash are kept per key, so twenty million photographs take 160 MB; at that
-    number, another key's hash hides a missing blob once in 10^12 cases. Keys that are not in the
-    listing are looked up one by one, since they may have been stored meanwhile. Raises OSError if
-    the store does not answer.
-    """
-    stored = np.sort(np.fromiter((_short_hash(blob.key) for blob in blobs.keys()), np.uint64))  # noqa: SIM118  # no mapping
-    named, total, missing = iter(keys), 0, 0
-    first: list[str] = []
-    while batch := list(islice(named, KEYS_COMPARED_AT_ONCE)):
-        total += len(batch)
-        hashes = np.fromiter(map(_short_hash, batch), np.uint64, len(batch))
-        at = np.searchsorted(stored, hashes)
-        is_stored = (
-            (at < len(stored)) & (stored[np.minimum(at, len(stored) - 1)] == hashes)
-            if len(stored)
-            else at < 0
-        )
-        for key in (key for key, is_listed in zip(batch, is_stored, strict=True) if not is_listed):
-            if missing < MAX_LOOKUPS and blobs.has(key):
-                continue
-            missing += 1
-            if missing <= MAX_LOOKUPS:
-                first.append(key)
-    return MissingBlobs(total, missing, tuple(first))
-
-
-def _short_hash(key: str) -> int:
-    return int.from_bytes(blake2b(key.encode(), digest_size=8).digest(), "little")
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,8 +20,8 @@ from app.operations.queries import PostgresFacts, database_now
 from app.people import privacy_queries as privacy
 from app.people.access.secret_box import SecretKeyError, require_same_key
 from app.people.privacy_queries import clock_doubted_seconds
-from app.privacy.delete_blobs import find_missing
 from app.privacy.erasure_ledger import KINDS, count_missing
+from app.privacy.missing_blobs import find_missing
 from app.storage.blob_store import BlobStore
 
 # server_version_num; older servers do not detect dead clients (app/db/migrate.py)
