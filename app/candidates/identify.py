@@ -75,9 +75,10 @@ class IdentifyFoods:
                 if identification is not None:
                     item.candidates = [
                         CandidateAnswer(
-                            food=each.food_key, probability=round(each.probability, DECIMALS)
+                            food=candidate.food_key,
+                            probability=round(candidate.probability, DECIMALS),
                         )
-                        for each in identification.candidates
+                        for candidate in identification.candidates
                     ]
                     item.none_probability = round(identification.none_probability, DECIMALS)
                     item.index_version = identification.index_version

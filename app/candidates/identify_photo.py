@@ -130,12 +130,12 @@ def candidates_to_json(identification: Identification) -> list[dict[str, object]
     """Return candidates with their names in the starter table, best first."""
     return [
         {
-            "food": food_name(each.food_key, each.name),
-            "food_key": each.food_key,
-            "label": each.label,
-            "probability": round(each.probability, 4),
+            "food": food_name(candidate.food_key, candidate.name),
+            "food_key": candidate.food_key,
+            "label": candidate.label,
+            "probability": round(candidate.probability, 4),
         }
-        for each in identification.candidates
+        for candidate in identification.candidates
     ]
 
 

@@ -128,8 +128,8 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                 )
             )
         by_model, _ = _known(answer.model_candidates, foods_by_key)
-        from_all = [(FROM_INDEX, each) for each in candidates] + [
-            (FROM_MODEL, each) for each in by_model
+        from_all = [(FROM_INDEX, candidate) for candidate in candidates] + [
+            (FROM_MODEL, candidate) for candidate in by_model
         ]
         session.add_all(
             ItemCandidate(
@@ -154,12 +154,12 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
 def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
     """Return key -> food in force, of all candidates of all items."""
     keys = {
-        each.food
+        candidate.food
         for _, answer in seen
         if answer.index_version is not None
-        for each in answer.candidates
+        for candidate in answer.candidates
     }
-    keys |= {each.food for _, answer in seen for each in answer.model_candidates}
+    keys |= {candidate.food for _, answer in seen for candidate in answer.model_candidates}
     return foods.foods_by_key(session, keys) if keys else {}
 
 
@@ -187,7 +187,7 @@ def _known(
     candidates: Sequence[CandidateAnswer], foods_by_key: Mapping[str, Food]
 ) -> tuple[list[tuple[Food, float]], float]:
     """Return those of a food table in force, best first, and the probability of the others."""
-    named = [(foods_by_key.get(each.food), each.probability) for each in candidates]
+    named = [(foods_by_key.get(candidate.food), candidate.probability) for candidate in candidates]
     unknown = sum(probability for food, probability in named if food is None)
     kept = [(food, p) for food, p in named if food is not None and p >= LEAST_PROBABILITY]
     return kept[:MOST_CANDIDATES], unknown

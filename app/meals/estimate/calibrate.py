@@ -47,7 +47,8 @@ def calibrate_task(arguments: Arguments, _: StageListener) -> Json:
         "model": photos[0].model,
         "used": list(fit.used),
         "left_out": [
-            {"photo": each.index, **failure_to_json(each.failure)} for each in fit.rejected
+            {"photo": rejected.index, **failure_to_json(rejected.failure)}
+            for rejected in fit.rejected
         ],
     }
 
@@ -118,7 +119,8 @@ def calibrate_camera_files(
         "photographs": len(calibration.used),
     }
     return CalibratedFiles(
-        document, tuple((str(photos[each.index]), each.failure) for each in calibration.rejected)
+        document,
+        tuple((str(photos[rejected.index]), rejected.failure) for rejected in calibration.rejected),
     )
 
 
@@ -147,5 +149,6 @@ def calibrate_rig_files(
     }
     names = [f"{first}, {second}" for first, second in zip(left, right, strict=True)]
     return CalibratedFiles(
-        document, tuple((names[each.index], each.failure) for each in calibration.rejected)
+        document,
+        tuple((names[rejected.index], rejected.failure) for rejected in calibration.rejected),
     )

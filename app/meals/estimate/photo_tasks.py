@@ -101,8 +101,8 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
     return {
         "ok": judged.is_ok,
         "problems": [
-            {"code": each.code, "severity": each.severity, "side": each.side}
-            for each in judged.problems
+            {"code": problem.code, "severity": problem.severity, "side": problem.side}
+            for problem in judged.problems
         ],
         "measures": dict(judged.measures),
     }
