@@ -6,6 +6,7 @@ checks the text, needs neither NumPy nor OpenCV.
 """
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import product
@@ -200,7 +201,7 @@ class ColourBoard(MarkerSpec):
 
 
 @dataclass(frozen=True, slots=True)
-class TagBoard(MarkerSpec):
+class TagBoard(MarkerSpec, ABC):
     """A board with tags of an OpenCV dictionary, numbered from 0, row by row.
 
     second_mm: the size that stands before the dictionary
@@ -227,9 +228,9 @@ class TagBoard(MarkerSpec):
         return f":{self.second_mm:g}:{self.dictionary}"
 
     @property
+    @abstractmethod
     def tag_mm(self) -> float:
         """A tag's side."""
-        raise NotImplementedError
 
     @property
     def cells(self) -> int:
