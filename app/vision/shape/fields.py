@@ -10,14 +10,10 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import window_around
+from app.vision.geometry.mesh import IntArray
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.outline_snap import STEP_PX, Outline
-
-MARGIN_PX = 32  # around an outline: beyond it the distance from the field's border is added
-SMOOTH_PX = 3  # side of the square over which the distance is averaged: an outline's points jitter
-LEAST_SD_PX = np.float32(1e-3)
-SMOOTH_WEIGHT_PX = 9  # the same of the weights, which begin and end
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,28 +33,23 @@ class OutlineField:
         height, width = self.distance_px.shape
         within = pixels - self.origin
         inside = np.clip(within, 0.0, [width - 1.001, height - 1.001])
-        whole = inside.astype(np.int64)
-        column, row = whole.T
-        x, y = (inside - whole).T
-        corners = [(row + down, column + right) for down in (0, 1) for right in (0, 1)]
+        corners, shares, (x, y) = _around(inside)
         here, right, below, across = (self.distance_px[corner] for corner in corners)
         upper, lower = here + x * (right - here), below + x * (across - below)
         slope = np.column_stack([(1 - y) * (right - here) + y * (across - below), lower - upper])
-        shares = ((1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x)
-        weight = sum(
-            share * self.weight[corner] for share, corner in zip(shares, corners, strict=True)
-        )
         beyond = within - inside
         apart = np.sqrt((beyond**2).sum(axis=1))
         is_beyond = apart > 0
         slope[is_beyond] = beyond[is_beyond] / apart[is_beyond, None]
-        return upper + y * (lower - upper) + apart, slope, np.asarray(weight, np.float64)
+        return upper + y * (lower - upper) + apart, slope, _between(self.weight, corners, shares)
 
 
 def outline_field(line: Outline) -> OutlineField:
     """The field around an outline."""
-    low = np.floor(line.points_px.min(axis=0)) - MARGIN_PX
-    width, height = (np.ceil(line.points_px.max(axis=0)) + MARGIN_PX - low + 1).astype(np.int64)
+    low = np.floor(line.points_px.min(axis=0)) - TUNING.field_margin_px
+    width, height = (np.ceil(line.points_px.max(axis=0)) + TUNING.field_margin_px - low + 1).astype(
+        np.int64
+    )
     seeds = np.ones((height, width), np.uint8)
     column, row = np.rint(line.points_px - low).astype(np.int64).T
     seeds[row, column] = 0
@@ -79,8 +70,10 @@ def outline_field(line: Outline) -> OutlineField:
     distance = np.copysign(np.hypot(outward, beside), outward)
     weight = line.weights.astype(np.float32)[point]
     return OutlineField(
-        np.asarray(cv2.blur(distance, (SMOOTH_PX, SMOOTH_PX)), np.float32),
-        np.asarray(cv2.blur(weight, (SMOOTH_WEIGHT_PX, SMOOTH_WEIGHT_PX)), np.float32),
+        np.asarray(cv2.blur(distance, (TUNING.smooth_px, TUNING.smooth_px)), np.float32),
+        np.asarray(
+            cv2.blur(weight, (TUNING.smooth_weight_px, TUNING.smooth_weight_px)), np.float32
+        ),
         low,
         STEP_PX * float(line.weights.sum()),
     )
@@ -106,17 +99,13 @@ class ParallaxField:
         """(n,) value, its sd and how far it is known, 0 to 1, at (n, 2) px."""
         height, width = self.value_px.shape
         place = pixels - self.origin
-        whole = np.floor(place).astype(np.int64)
-        is_inside = np.all((whole >= 0) & (whole < [width - 1, height - 1]), axis=1, keepdims=True)
-        column, row = np.where(is_inside, whole, 0).T
-        x, y = (place - whole).T
-        corners = [(row + down, column + right) for down in (0, 1) for right in (0, 1)]
-        shares = ((1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x)
+        is_inside = np.all((place >= 0) & (place < [width - 1, height - 1]), axis=1)
+        corners, shares, _ = _around(np.where(is_inside[:, None], place, 0.0))
         value, sd, known = (
-            sum(share * picture[corner] for share, corner in zip(shares, corners, strict=True))
+            _between(picture, corners, shares)
             for picture in (self.value_px, self.sd_px, self.known)
         )
-        return value, sd, known * is_inside[:, 0]
+        return value, sd, known * is_inside
 
 
 def parallax_field(
@@ -144,7 +133,7 @@ def parallax_field(
         total = _averaged(np.where(is_known, picture[rows, columns], np.float32(0)))
         return np.asarray(total / np.maximum(share, np.float32(1e-6)), np.float32)
 
-    sd = np.asarray(np.maximum(mean(sd_px), LEAST_SD_PX), np.float32)
+    sd = np.maximum(mean(sd_px), np.float32(TUNING.least_sd_px))
     place = origin[0] + columns.start, origin[1] + rows.start
     known = np.minimum(2 * share, np.float32(1))
     return ParallaxField(
@@ -161,3 +150,24 @@ def parallax_field(
 def _averaged(picture: Float32Array) -> Float32Array:
     side = (TUNING.averaged_px, TUNING.averaged_px)
     return np.asarray(cv2.blur(picture, side, borderType=cv2.BORDER_CONSTANT), np.float32)
+
+
+def _around(
+    places: Float64Array,
+) -> tuple[list[tuple[IntArray, IntArray]], tuple[Float64Array, ...], Float64Array]:
+    """Rows and columns of the four pixels around places (n, 2), the share of each, and (2, n) x and y between them."""
+    whole = places.astype(np.int64)
+    column, row = whole.T
+    x, y = between = (places - whole).T
+    corners = [(row + down, column + right) for down in (0, 1) for right in (0, 1)]
+    return corners, ((1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x), between
+
+
+def _between(
+    picture: Float32Array,
+    corners: list[tuple[IntArray, IntArray]],
+    shares: tuple[Float64Array, ...],
+) -> Float64Array:
+    """(n,) the picture between four pixels each."""
+    values = (share * picture[corner] for share, corner in zip(shares, corners, strict=True))
+    return np.asarray(sum(values), np.float64)

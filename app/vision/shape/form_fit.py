@@ -69,7 +69,6 @@ class FormFit:
     at: FormAt
     cost: float
     uncovered: float = 0.0
-    rounds: int = 0
 
     @property
     def form(self) -> Form:
@@ -153,9 +152,8 @@ def fit_form(
     tolerance = float(np.clip(now.misfits.middle, 1.0, TUNING.widest))
     damping, least, most = TUNING.damping
     settled = TUNING.settled_coarse if cells == COARSE else TUNING.settled_fine
-    rounds, is_settled = 0, False
-    while not is_settled and rounds < most_rounds:
-        rounds += 1
+    is_settled = False
+    for _ in range(most_rounds):
         normal, slope = now.linearised(tolerance)
         cost = now.cost(tolerance)
         while damping <= most:
@@ -173,10 +171,12 @@ def fit_form(
                 damping = max(damping / TUNING.damping_fall, least)
                 break
             damping *= TUNING.damping_rise
+        if is_settled:
+            break
         damping = min(damping, most)
         tolerance = max(1.0, tolerance / 2)
     missed = 0.0 if cells == COARSE else uncovered(form, now.unknowns, seen)
-    return FormFit(now, now.cost(), missed, rounds)
+    return FormFit(now, now.cost(), missed)
 
 
 def _solved(normal: Float64Array, right: Float64Array) -> Float64Array:

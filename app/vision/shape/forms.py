@@ -19,6 +19,7 @@ from numpy.polynomial import Legendre
 
 from app.vision.geometry.mesh import IntArray, Topology, ring, sphere
 from app.vision.model import Float64Array
+from app.vision.shape.tuning import TUNING
 
 COARSE, FINE, EXACT = 6, 8, 24  # cells a side of the cube: to find, to fit, to take the volume
 DEGREE = 6  # of the spherical harmonics: features of a sixth of the circumference
@@ -43,7 +44,6 @@ SPREAD = np.array(
 )  # prior
 SUPPORT_BOUND = 2.0  # sd, within which the support stays
 _PLACING = (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
-CONTACT_MM = 0.25  # height over the lowest point, within which a form touches its support
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
 LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
 LOG_EXPONENTS = (
@@ -238,12 +238,12 @@ class Resting:
 def resting(heights_mm: Float64Array) -> Resting:
     """The contact of vertices (n,): a patch, so that the level moves smoothly from one lowest vertex to the next."""
     lowest = float(heights_mm.min())
-    vertex = np.flatnonzero(heights_mm < lowest + 16 * CONTACT_MM)
+    vertex = np.flatnonzero(heights_mm < lowest + 16 * TUNING.contact_mm)
     over = heights_mm[vertex]
-    weight = np.exp((lowest - over) / CONTACT_MM)
+    weight = np.exp((lowest - over) / TUNING.contact_mm)
     weight /= weight.sum()
     level = float(weight @ over)
-    return Resting(level, vertex, weight * (1 - (over - level) / CONTACT_MM))
+    return Resting(level, vertex, weight * (1 - (over - level) / TUNING.contact_mm))
 
 
 def _distinct(vertex: IntArray) -> tuple[IntArray, IntArray]:

@@ -20,7 +20,7 @@ from app.vision.shape.surface_match import draw_mask
 from app.vision.shape.tuning import TUNING
 from app.vision.stereo.outline_snap import STEP_PX
 
-SAMPLES = np.array([0.125, 0.375, 0.625, 0.875])  # along a segment of a form's outline
+SAMPLES = np.array(TUNING.samples)
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,8 +218,11 @@ def _open_share(line: _Line) -> Float64Array:
     return np.asarray(1.0 - hidden.mean(axis=0), np.float64)
 
 
-def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits | None:
-    """Parallax of the form's points less the measured one, px; each vertex speaks for the area around it."""
+def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits:
+    """Parallax of the form's points less the measured one, px; each vertex speaks for the area around it.
+
+    What is known where the form shows no surface is unexplained.
+    """
     sight, vertices = placed.seen.sight, placed.vertices
     normals = placed.vertex_normals
     first, second = sight.cameras_mm
@@ -234,16 +237,16 @@ def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits | None:
     share *= _ramp(slant_second, *TUNING.facing_second)
     share *= _ramp(height, 0.0, TUNING.foot_mm)
     index = np.flatnonzero(share)
-    if len(index) == 0:
-        return None
     pixels, parallax = placed.first
     measured, sd, known = field.at(pixels[index])
-    share = share[index] * known
-    is_known = share > 0
+    is_known = known > 0
     if not is_known.any():
-        return None
-    index = index[is_known]
-    share, measured, sd = (each[is_known] for each in (share, measured, sd))
+        nothing = np.empty(0)
+        unexplained = field.known_px / field.area_px
+        none = np.empty(0, np.int64)
+        return Misfits(none, np.empty((0, 3)), none, nothing, nothing, nothing, unexplained)
+    index, measured, sd = index[is_known], measured[is_known], sd[is_known]
+    share = share[index] * known[is_known]
     # A vertex speaks for a third of the triangles around it.
     depth = depth[index]
     seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
@@ -273,7 +276,7 @@ def _ramp(value: Float64Array, low: float, high: float) -> Float64Array:
 
 
 def _together(parts: list[Misfits]) -> Misfits | None:
-    if not parts:
+    if not any(len(part.residual_px) for part in parts):
         return None
     ends = np.cumsum([0, *(len(part.vertex) for part in parts)])
     return Misfits(

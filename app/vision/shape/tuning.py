@@ -8,9 +8,18 @@ class FormTuning:
     """Tuning of form_fit.py and shape.py, in the order in which a fit meets it; px are those of the working grid."""
 
     outline_sd_px: float = 0.7  # sd of an outline
+    field_margin_px: int = (
+        32  # around an outline: beyond it the distance from the field's border is added
+    )
+    smooth_px: int = (
+        3  # side of the square over which the distance is averaged: an outline's points jitter
+    )
+    smooth_weight_px: int = 9  # the same of the weights, which begin and end
+    samples: tuple[float, ...] = (0.125, 0.375, 0.625, 0.875)  # along a segment of a form's outline
     outline_run_px: float = 10.0  # length along an outline over which its errors are one
     dense_sd_px: float = 0.5  # sd of the dense parallax
     dense_area_px: float = 100.0  # area over which errors of the dense parallax are one
+    least_sd_px: float = 1e-3  # of parallax
     averaged_px: int = 5  # side of the square over which any parallax is averaged
     averaged_along_px: int = 21  # the same of one measured along a form, about that form's
     roughness_mm: float = 1.0  # sd of a food's surface about its form: skin, crumb, leaves; the dense parallax's in mm
@@ -24,6 +33,7 @@ class FormTuning:
     # Cosines of the slant between which a point begins to show its parallax, in the first view and in the second.
     facing: tuple[float, float] = (0.1, 0.3)
     facing_second: tuple[float, float] = (0.075, 0.225)
+    contact_mm: float = 0.25  # height over its lowest point within which a form touches its support
     foot_mm: float = 1.0  # height over the support up to which a point is partly the foot's
     # outside a form's outline, where the form itself may still be: such a line is hidden
     hidden_px: tuple[float, float, float] = (1.5, 3.0, 4.5)

@@ -10,7 +10,6 @@ from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.shape.forms import (
     BEND,
     COARSE,
-    CONTACT_MM,
     E1,
     E2,
     EXACT,
@@ -30,6 +29,7 @@ from app.vision.shape.forms import (
     X,
     Y,
 )
+from app.vision.shape.tuning import TUNING
 from tests.unit.vision.meshes import jacobian_of
 
 SUPPORT_MM, SUPPORT_SD_MM = 2.5, 1.0
@@ -118,7 +118,7 @@ def test_form_rests_on_its_support_which_lifts_it_without_changing_it(form):
     for weights in (np.zeros(len(form.weight_sd)), rng.normal(0, form.weight_sd)):
         unknowns = form.start
         unknowns[len(form.free) :] = weights
-        assert SUPPORT_MM - 2 * CONTACT_MM < form.vertices(unknowns, FINE)[:, 2].min() <= SUPPORT_MM
+        assert SUPPORT_MM - 2 * TUNING.contact_mm < form.vertices(unknowns, FINE)[:, 2].min() <= SUPPORT_MM
     raised = form.start
     raised[form.free.index(SUPPORT)] += 7.0
     assert np.allclose(form.vertices(raised, COARSE) - form.vertices(form.start, COARSE), [0, 0, 7.0])
