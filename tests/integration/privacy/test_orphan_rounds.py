@@ -8,7 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from app.privacy.delete_blobs import SLICE_SECONDS, BlobDeleter, OrphanRounds, Pace, find_missing
+from app.privacy.delete_blobs import SLICE_SECONDS, BlobDeleter, OrphanRounds, Pace
+from app.privacy.missing_blobs import find_missing
 from app.storage.opening import open_blob_store
 from tests.integration.people.persons import Person
 from tests.support.stores import make_old
