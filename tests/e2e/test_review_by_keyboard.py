@@ -232,7 +232,7 @@ def test_item_whose_meal_changed_comes_back_with_who_said_what(queue_of, served)
 
 @pytest.mark.slow
 def test_decision_without_a_network_comes_back_and_is_not_lost(queue_of):
-    ann, meals = queue_of("offline", *[round_item(LIKELY, number) for number in range(2)])
+    ann, meals = queue_of("line-down", *[round_item(LIKELY, number) for number in range(2)])
     ann.watched.expect("ERR_INTERNET_DISCONNECTED")
     ann.page.context.set_offline(True)
     first = ann.decide("Enter")
