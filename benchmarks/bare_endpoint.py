@@ -23,7 +23,7 @@ from fastapi import FastAPI, Request
 from app.core.errors import Failure
 from app.core.process_life import die_with_parent
 from app.http.upload import WRITE_BYTES
-from app.vision.photo import read_reduced_photo
+from app.vision.photograph.photo import read_reduced_photo
 
 MAX_PIXELS = 60_000_000
 JPEG_START = b"\r\n\r\n\xff\xd8"

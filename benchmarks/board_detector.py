@@ -31,7 +31,7 @@ sys.path.insert(0, str(ROOT))
 from app.vision.board.marker import contrast_image, find_marker  # noqa: E402  # importable once the checkout is on the path
 from app.vision.marker_spec import parse_marker  # noqa: E402
 from app.vision.model import MarkerObservation, Photo  # noqa: E402
-from app.vision.photo import read_photo  # noqa: E402
+from app.vision.photograph.photo import read_photo  # noqa: E402
 
 LIVE = ROOT / "app" / "capture" / "static" / "live"
 LONG_SIDE_PX = 640

@@ -34,7 +34,7 @@ from app.vision.board.grid import grid_homography, map_points  # noqa: E402
 from app.vision.board.marker import find_marker  # noqa: E402
 from app.vision.marker_spec import COLOUR_SQUARES, parse_marker  # noqa: E402
 from app.vision.model import ColourCorrection, MarkerObservation, Photo  # noqa: E402
-from app.vision.photo import read_photo  # noqa: E402
+from app.vision.photograph.photo import read_photo  # noqa: E402
 
 NAMES = (
     "cyan",

@@ -25,7 +25,7 @@ from app.identification.food_index import FoodIndex, KnownFood, shipped_foods
 from app.identification.metric import Vectors
 from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from tools.ecustfd import read_specimens
 
 SOURCE = "ecustfd"

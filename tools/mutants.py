@@ -42,7 +42,7 @@ PACKAGES = (
     "people/access",
     "storage",
     "estimates",
-    "vision/shape",
+    "vision/solids",
 )
 DRAWN_OF_PACKAGE = 5
 DRAW_SECONDS, RUN_SECONDS = 80.0, 1200.0  # of tests against one mutant

@@ -20,7 +20,7 @@ from app.identification.food_index import FoodIndex, KnownFood, read_labels
 from app.identification.metric import BlockLayout, Vectors
 from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe
 from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif"})
 LAYOUT = tuple(BlockLayout(block.name, block.size, block.kind == "histogram") for block in BLOCKS)

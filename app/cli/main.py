@@ -577,7 +577,7 @@ def read_photo_or_fail(path: Path, *, least_short_side_px: int | None = None) ->
 
     Raises InvalidInputError. least_short_side_px: None: what a marker needs.
     """
-    from app.vision.photo import MIN_SHORT_SIDE_PX, read_photo
+    from app.vision.photograph.photo import MIN_SHORT_SIDE_PX, read_photo
 
     try:
         data = path.read_bytes()

@@ -1,7 +1,7 @@
 """Read the header of an uploaded depth or confidence map: PNG or TIFF, size, bits. path -> facts.
 
 A depth map has one channel: a PNG of 16 bits or a TIFF of 32 bit floating point numbers. A confidence map is a PNG of 8
-bits. Pixels are decoded later, in a child process (vision/depth_map.py), and never more than the header states.
+bits. Pixels are decoded later, in a child process (photograph/depth_map.py), and never more than the header states.
 """
 
 from pathlib import Path

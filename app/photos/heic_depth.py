@@ -2,7 +2,7 @@
 
 The map is an auxiliary image of 8 bits; its XMP says which numbers the levels stand for: disparity in 1/m or depth in
 m, measured (absolute) or only right up to scale and offset (relative). Mattes and gain maps are no depth. Pixels are
-decoded later, in a child process (vision/heic_depth.py).
+decoded later, in a child process (vision/photograph/heic_depth.py).
 """
 
 import math

@@ -223,7 +223,7 @@ def _same_foods(
 ) -> list[tuple[Item, int]]:
     """Return (item, position in the answer) of the same foods."""
     # NumPy and OpenCV come with it, which an API process has no other use for
-    from app.vision.geometry.outline_overlap import matching_outlines  # noqa: PLC0415
+    from app.vision.outline_overlap import matching_outlines  # noqa: PLC0415
 
     before = [pipeline_measure(parts, item).rings for item in old]
     pairs = matching_outlines(

@@ -35,7 +35,7 @@ from app.photos.slots import (
     depth_slot,
 )
 from app.records.schemas import Pixel, Polygon
-from app.vision.depth_camera import DEFAULT_UNIT_MM
+from app.vision.photograph.depth_camera import DEFAULT_UNIT_MM
 
 MAX_HINTS = 20
 

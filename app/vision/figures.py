@@ -24,13 +24,13 @@ from app.vision.model import (
     View,
 )
 from app.vision.scene_file import SCENE_NAME, write_scene
-from app.vision.shape.measure import MeasuredItem
-from app.vision.shape.volume import Volume
-from app.vision.stereo.epipolar import Epipolar
-from app.vision.stereo.features import Matches, undistort_to_pinhole
-from app.vision.stereo.rectification import rectify_by_fundamental
-from app.vision.stereo.relative_pose import RefinedViews
+from app.vision.solids.measure import MeasuredItem
+from app.vision.solids.volume import Volume
 from app.vision.trace import Reconstruction, Trace
+from app.vision.views.epipolar import Epipolar
+from app.vision.views.features import Matches, undistort_to_pinhole
+from app.vision.views.rectification import rectify_by_fundamental
+from app.vision.views.relative_pose import RefinedViews
 
 WIDTH_PX = 1600
 JPEG_QUALITY = 88

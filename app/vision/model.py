@@ -35,7 +35,7 @@ class DepthMap:
 
     fx, fy, cx, cy: px of the map. sd_share: noise over depth. error_area_px: of the map, over which errors are one.
     is_aligned: its pixels are the photograph's, reduced; fx, fy, cx, cy count for nothing until the photograph's camera
-    is known (stereo/aligned_depth.py). is_relative: 1 / depth_mm is an unknown affine function of the inverse depth.
+    is known (views/aligned_depth.py). is_relative: 1 / depth_mm is an unknown affine function of the inverse depth.
     """
 
     depth_mm: Float32Array

@@ -10,6 +10,7 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.figures import draw_artefacts
+from app.vision.looks.traits import traits_of
 from app.vision.looks.vcm import describe_rings
 from app.vision.model import (
     EstimateOptions,
@@ -20,27 +21,26 @@ from app.vision.model import (
     MealEstimate,
     PhotoPair,
 )
+from app.vision.paper.depth_slices import measure_as_printed
+from app.vision.paper.printed_stereo import reconstruct_as_printed
 from app.vision.placement import MARKER_UNSEEN, Placement, doubt_volumes, place_views
 from app.vision.reconstruct import add_depths, reconstruct_over_table
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
-from app.vision.shape.depth_slices import measure_as_printed
-from app.vision.shape.form_prior import LikelyForms, form_prior
-from app.vision.shape.measure import MeasuredItem, measure_items, of_single_view
-from app.vision.shape.outlines import draw_hints, photograph_px, rings_of
-from app.vision.shape.shape import measure_shapes
-from app.vision.shape.tuning import TUNING
-from app.vision.stereo.features import too_few_matches
-from app.vision.stereo.other_views import place_other_views, stereo_partners
-from app.vision.stereo.pinhole_view import undistorted_view
-from app.vision.stereo.printed_stereo import reconstruct_as_printed
-from app.vision.stereo.reconstruction import plane_points
-from app.vision.stereo.relative_pose import RefinedViews
-from app.vision.stereo.single_view import SingleView
-from app.vision.stereo.stillness import judge_table
+from app.vision.solids.form_prior import LikelyForms, form_prior
+from app.vision.solids.measure import MeasuredItem, measure_items, of_single_view
+from app.vision.solids.outlines import draw_hints, photograph_px, rings_of
+from app.vision.solids.shape import measure_shapes
 from app.vision.trace import Reconstruction, Stages, Trace
-from app.vision.traits import traits_of
+from app.vision.tuning import TUNING
 from app.vision.version import PIPELINE_VERSION
+from app.vision.views.features import too_few_matches
+from app.vision.views.other_views import place_other_views, stereo_partners
+from app.vision.views.pinhole_view import undistorted_view
+from app.vision.views.reconstruction import plane_points
+from app.vision.views.relative_pose import RefinedViews
+from app.vision.views.single_view import SingleView
+from app.vision.views.stillness import judge_table
 
 UNMEASURED = frozenset({"no_food_found", "food_not_measured"})
 # Failures of a pair after which its left photograph alone may be measured, if it has a depth map.

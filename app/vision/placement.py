@@ -26,23 +26,23 @@ from app.vision.model import (
     View,
 )
 from app.vision.rig import StereoRig
-from app.vision.stereo.depth_parallax import place_by_depth
-from app.vision.stereo.epipolar import compare_fundamentals
-from app.vision.stereo.features import match_features
-from app.vision.stereo.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
-from app.vision.stereo.pose_doubt import volume_doubt
-from app.vision.stereo.reconstruction import plane_points
-from app.vision.stereo.rectification import is_swapped
-from app.vision.stereo.relative_pose import RefinedViews, refine_views
-from app.vision.stereo.rig_pose import (
+from app.vision.trace import Reconstruction, Scale, Trace
+from app.vision.views.depth_parallax import place_by_depth
+from app.vision.views.epipolar import compare_fundamentals
+from app.vision.views.features import match_features
+from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
+from app.vision.views.pose_doubt import volume_doubt
+from app.vision.views.reconstruction import plane_points
+from app.vision.views.rectification import is_swapped
+from app.vision.views.relative_pose import RefinedViews, refine_views
+from app.vision.views.rig_pose import (
     POSES_SHIFT_SD_SHARE,
     POSES_TURN_SD_RAD,
     refine_rig,
     views_of_rig,
 )
-from app.vision.stereo.single_view import SingleView, place_alone, single_volume_sd
-from app.vision.stereo.stillness import judge_heights, judge_matches, judge_missing, poses_mismatch
-from app.vision.trace import Reconstruction, Scale, Trace
+from app.vision.views.single_view import SingleView, place_alone, single_volume_sd
+from app.vision.views.stillness import judge_heights, judge_matches, judge_missing, poses_mismatch
 
 SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "marker": (),

@@ -31,11 +31,11 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.photo import ReducedPhoto
-from app.vision.stereo.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
-from app.vision.stereo.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
-from app.vision.stereo.relative_pose import refine_views
-from app.vision.stereo.stillness import (
+from app.vision.photograph.photo import ReducedPhoto
+from app.vision.views.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
+from app.vision.views.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
+from app.vision.views.relative_pose import refine_views
+from app.vision.views.stillness import (
     AT_MARKER_MM,
     MIN_JUDGED_MATCHES,
     judge_matches,

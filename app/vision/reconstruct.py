@@ -11,19 +11,19 @@ from dataclasses import replace
 import numpy as np
 
 from app.vision.model import MarkerObservation, MaskArray, View
-from app.vision.shape.tuning import TUNING
-from app.vision.stereo.aligned_depth import depth_in_view
-from app.vision.stereo.depth_fusion import agree_with_table, fuse_depths
-from app.vision.stereo.depth_parallax import parallax_of_depth, parallax_of_match
-from app.vision.stereo.disparity import DisparityMap, match_dense, unmatched
-from app.vision.stereo.features import shows_sheet
-from app.vision.stereo.marker_thickness import find_thickness, on_plaque
-from app.vision.stereo.other_views import second_pair
-from app.vision.stereo.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
-from app.vision.stereo.rectification import RectifiedPair, rectify_alone, rectify_by_poses
-from app.vision.stereo.relative_pose import RefinedViews
-from app.vision.stereo.single_view import SingleView
 from app.vision.trace import Reconstruction, Stages, Trace
+from app.vision.tuning import TUNING
+from app.vision.views.aligned_depth import depth_in_view
+from app.vision.views.depth_fusion import agree_with_table, fuse_depths
+from app.vision.views.depth_parallax import parallax_of_depth, parallax_of_match
+from app.vision.views.disparity import DisparityMap, match_dense, unmatched
+from app.vision.views.features import shows_sheet
+from app.vision.views.marker_thickness import find_thickness, on_plaque
+from app.vision.views.other_views import second_pair
+from app.vision.views.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
+from app.vision.views.rectification import RectifiedPair, rectify_alone, rectify_by_poses
+from app.vision.views.relative_pose import RefinedViews
+from app.vision.views.single_view import SingleView
 
 TABLE_MM = 8.0  # over or under the marker's plane: where a pair's points tell how far the table is
 

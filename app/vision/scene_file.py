@@ -28,15 +28,15 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.shape.measure import MeasuredItem
-from app.vision.shape.outlines import (
+from app.vision.solids.measure import MeasuredItem
+from app.vision.solids.outlines import (
     photograph_px,
     points_in_photograph,
     rings_of,
     rings_of_faces,
     second_grid_in_photograph,
 )
-from app.vision.shape.volume import Volume
+from app.vision.solids.volume import Volume
 from app.vision.trace import Reconstruction, Trace
 
 Document = dict[str, object]  # JSON
@@ -283,7 +283,7 @@ def _over_the_table(
 ) -> Float64Array:
     """(n, 3) mm of the grid's pixels at index (n,). Where the shapes' heights count from the table, so do these.
 
-    That is, without the drift that stereo/sight.py takes out of the parallax around each food.
+    That is, without the drift that views/sight.py takes out of the parallax around each food.
     """
     pair = scene.rectified
     points = scene.points_table.reshape(-1, 3)[index].astype(np.float64)

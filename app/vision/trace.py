@@ -8,17 +8,17 @@ from typing import Literal
 
 from app.vision.geometry.topview import TableTrend, usable_points
 from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, MaskArray, View
+from app.vision.paper.printed_stereo import PrintedStereo
 from app.vision.scene.segmentation import Foods, rim_radii_mm
-from app.vision.shape.measure import MeasuredItem
-from app.vision.stereo.disparity import DisparityMap
-from app.vision.stereo.epipolar import Epipolar
-from app.vision.stereo.features import Matches
-from app.vision.stereo.focal_doubt import FocalDoubt
-from app.vision.stereo.printed_stereo import PrintedStereo
-from app.vision.stereo.reconstruction import DepthModel
-from app.vision.stereo.rectification import RectifiedPair
-from app.vision.stereo.relative_pose import RefinedViews
-from app.vision.stereo.single_view import SingleView
+from app.vision.solids.measure import MeasuredItem
+from app.vision.views.disparity import DisparityMap
+from app.vision.views.epipolar import Epipolar
+from app.vision.views.features import Matches
+from app.vision.views.focal_doubt import FocalDoubt
+from app.vision.views.reconstruction import DepthModel
+from app.vision.views.rectification import RectifiedPair
+from app.vision.views.relative_pose import RefinedViews
+from app.vision.views.single_view import SingleView
 
 Scale = Literal["marker", "rig", "poses", "depth"]  # what gives a scene its scale
 

@@ -12,7 +12,7 @@ import numpy as np
 from app.vision.intrinsics import Camera, camera_from_mapping
 from app.vision.marker_spec import MarkerSpec, parse_marker
 from app.vision.model import EstimateOptions, ImageArray, MaskArray, PhotoPair
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from app.vision.pipeline import estimate_meal
 
 Change = Callable[[ImageArray], Any]

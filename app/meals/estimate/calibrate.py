@@ -19,7 +19,7 @@ from app.vision.board.rig_calibration import calibrate_rig
 from app.vision.intrinsics import camera_to_json
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from app.vision.rig import rig_to_json
 
 

@@ -12,9 +12,9 @@ from app.meals.estimate.estimate_json import hint_from_json, options_from_json, 
 from app.meals.estimate.run_estimate import DepthFiles, run_estimate
 from app.nutrition.foods import FOOD_FORMS, load_starter_table
 from app.photos.slots import PAIR_SLOTS, VIEW_SLOTS
-from app.vision.depth_camera import depth_camera_from_mapping
 from app.vision.marker_spec import DEFAULT_MARKER
 from app.vision.model import EstimateOptions, Method
+from app.vision.photograph.depth_camera import depth_camera_from_mapping
 
 PAIR, MAX_VIEWS = len(PAIR_SLOTS), len(VIEW_SLOTS)
 HINT_KEYS = frozenset({"point", "box", "polygon", "food", "lies_as", "form", "vessel"})

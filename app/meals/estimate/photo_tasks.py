@@ -24,7 +24,7 @@ from app.vision.looks.food_model import NetworkInput, classify_region, load_netw
 from app.vision.looks.vcm import describe_rings
 from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, ImageArray, Photo
-from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo
+from app.vision.photograph.photo import ReducedPhoto, read_photo, read_reduced_photo
 
 PICTURE_QUALITY = 85  # of JPEG: no artefacts to be seen at a screen's size
 

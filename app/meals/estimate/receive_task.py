@@ -19,10 +19,10 @@ from app.photos.location import read_location, remove_location
 from app.photos.slots import CONFIDENCE_SLOTS, DEPTH_SLOTS, VOICE_NOTE
 from app.photos.voice_note import inspect_voice_note, remove_note_metadata
 from app.photos.webp import LOSSLESS_PICTURE, read_webp_layout
-from app.vision.depth_camera import depth_camera_from_mapping
-from app.vision.depth_map import read_confidence, read_depth
 from app.vision.model import Photo
-from app.vision.photo import (
+from app.vision.photograph.depth_camera import depth_camera_from_mapping
+from app.vision.photograph.depth_map import read_confidence, read_depth
+from app.vision.photograph.photo import (
     ReducedPhoto,
     encode_photo,
     read_photo,

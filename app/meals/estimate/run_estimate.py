@@ -24,9 +24,6 @@ from app.photos.heic_depth import read_heic_depth
 from app.photos.heif import read_heif_layout
 from app.photos.inspect import HEIC, PhotoFacts, inspect_photo, sniff
 from app.photos.slots import PAIR_SLOTS
-from app.vision.depth_camera import depth_camera_from_mapping
-from app.vision.depth_map import read_depth
-from app.vision.heic_depth import decode_heic_depth
 from app.vision.model import (
     Artefact,
     DepthMap,
@@ -36,7 +33,10 @@ from app.vision.model import (
     Photo,
     PhotoPair,
 )
-from app.vision.photo import read_photo
+from app.vision.photograph.depth_camera import depth_camera_from_mapping
+from app.vision.photograph.depth_map import read_depth
+from app.vision.photograph.heic_depth import decode_heic_depth
+from app.vision.photograph.photo import read_photo
 from app.vision.pipeline import estimate_meal
 from app.vision.version import PIPELINE_VERSION
 

@@ -37,9 +37,9 @@ from app.people.models import Study
 from app.photos.slots import DEPTH_SLOTS, VOICE_NOTE, image_name
 from app.records.meal_schemas import MealMetadataIn
 from app.vessels.meal_vessels import require_known_vessels
-from app.vision.depth_camera import depth_camera_from_mapping, size_mismatch
 from app.vision.known_poses import poses_from_mapping
 from app.vision.marker_spec import parse_marker
+from app.vision.photograph.depth_camera import depth_camera_from_mapping, size_mismatch
 
 # not compared: a repetition may be cut to another policy, or pass through another server
 KEPT_ASIDE = frozenset({"ignored", "unknown", "location", "wanted_outcome"})

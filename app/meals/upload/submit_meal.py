@@ -48,7 +48,7 @@ from app.people.participants import require_in_study
 from app.people.tombstones import meal_id_of, require_not_deleted
 from app.photos.slots import image_name
 from app.records.read_meal import MealView
-from app.vision.depth_camera import depth_camera_from_mapping
+from app.vision.photograph.depth_camera import depth_camera_from_mapping
 
 log = structlog.get_logger()
 

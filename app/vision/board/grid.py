@@ -7,6 +7,7 @@ the print is left to marker.py. Detector: OpenCV's sector-based one (Duda and Fr
 import cv2
 import numpy as np
 
+from app.vision.geometry.pictures import reduce_by
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
@@ -40,17 +41,6 @@ def reduced(contrast: ImageArray, long_side: int) -> tuple[ImageArray, float]:
     return np.asarray(
         cv2.resize(fewer, (width, height), interpolation=cv2.INTER_AREA), np.uint8
     ), scale
-
-
-def reduce_by(image: ImageArray, factor: int) -> ImageArray:
-    """The image with blocks of factor x factor px averaged; a whole factor takes a tenth of any other's time."""
-    if factor == 1:
-        return image
-    height, width = (side // factor * factor for side in image.shape[:2])
-    size = (width // factor, height // factor)
-    return np.asarray(
-        cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), np.uint8
-    )
 
 
 def refine_grid(image: ImageArray | Float32Array, grid: Float64Array) -> Float64Array:

@@ -1,1 +1,1 @@
-"""Geometry and image operations that know nothing of food: meshes, masks, slices, the view from above."""
+"""Geometry and image operations that several rooms share and that know nothing of food: meshes, masks, slices."""

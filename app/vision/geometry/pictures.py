@@ -1,4 +1,4 @@
-"""Small operations on pictures that several steps need: grey, CIELAB, blur, and values between the pixels."""
+"""Small operations on pictures that several steps need: grey, CIELAB, blur, fewer pixels, values between them."""
 
 import math
 import mmap
@@ -57,6 +57,17 @@ def lab_bytes(image_bgr: ImageArray) -> Float32Array:
 def blurred(image: Float32Array, sd_px: float) -> Float32Array:
     """The picture under a Gaussian."""
     return np.asarray(cv2.GaussianBlur(image, (0, 0), sd_px), np.float32)
+
+
+def reduce_by(image: ImageArray, factor: int) -> ImageArray:
+    """The image with blocks of factor x factor px averaged; a whole factor takes a tenth of any other's time."""
+    if factor == 1:
+        return image
+    height, width = (side // factor * factor for side in image.shape[:2])
+    size = (width // factor, height // factor)
+    return np.asarray(
+        cv2.resize(image[:height, :width], size, interpolation=cv2.INTER_AREA), np.uint8
+    )
 
 
 def sampled(

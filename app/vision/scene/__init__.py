@@ -1,1 +1,1 @@
-"""From points and colours to places and foods: dishes, supports, and one mask per food."""
+"""From points and colours to places and foods: dishes, vessels with what they hold, supports, one mask per food."""

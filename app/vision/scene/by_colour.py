@@ -22,7 +22,6 @@ from app.vision.geometry.masks import (
     touching,
     without_specks,
 )
-from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import blurred, lab_bytes
 from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
@@ -34,6 +33,7 @@ from app.vision.scene.colour_bins import (
 )
 from app.vision.scene.dish import Dish
 from app.vision.scene.layout import Layout
+from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM

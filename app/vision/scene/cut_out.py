@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.geometry.masks import dilated, distance_px, eroded, largest_part, touching
-from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
@@ -19,6 +18,7 @@ from app.vision.scene.colour_bins import (
     outline_steepness,
     shaded_bins,
 )
+from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.scene import Scene
 
 POINT_REACH_MM = 60.0  # from a point, beyond which its food is not looked for

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from app.vision.geometry.masks import components, filled, inward_px, opened
 from app.vision.geometry.pictures import sampled
-from app.vision.geometry.sectors import sector_of
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.scene.scene import commonest
+from app.vision.scene.sectors import sector_of
 
 RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
 RIM_RANGE_MM = (4.0, 90.0)  # over the table

@@ -16,7 +16,6 @@ from app.vision.geometry.masks import (
     solidity,
     window_around,
 )
-from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
@@ -26,6 +25,7 @@ from app.vision.scene.colour_bins import (
     shaded_bins,
 )
 from app.vision.scene.gaps import open_holes
+from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.geometry.masks import components, distance_px, inward_px, touching, window_around
-from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
@@ -21,6 +20,7 @@ from app.vision.scene.colour_bins import (
     shaded_bins,
 )
 from app.vision.scene.gaps import find_gaps
+from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.places import OVER_RIM_MM, UNMEASURED_MM, Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 

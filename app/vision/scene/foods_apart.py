@@ -21,10 +21,10 @@ from app.vision.geometry.masks import (
     largest_part,
     solidity,
 )
-from app.vision.geometry.min_cut import cut_in_two
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import colour_bins, colour_histogram, contrast_features
+from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.scene import Scene
 from app.vision.scene.upright_sides import flat_top
 

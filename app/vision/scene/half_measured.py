@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import labelled, opened, solidity
-from app.vision.geometry.sectors import sector_of
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 from app.vision.scene.scene import FINE_REACH_PX, Scene
+from app.vision.scene.sectors import sector_of
 
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery

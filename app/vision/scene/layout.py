@@ -20,8 +20,8 @@ from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import fine_texture
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
 from app.vision.scene.scene import Scene
-from app.vision.stereo.disparity import COLOUR_REACH_PX, DisparityMap
-from app.vision.stereo.rectification import RectifiedPair
+from app.vision.views.disparity import COLOUR_REACH_PX, DisparityMap
+from app.vision.views.rectification import RectifiedPair
 
 REDUCTION = 2  # of the rectified grid, on which foods are found; outlines are carried back by a smooth field
 LOWEST_MM = -30.0  # below the table: strays

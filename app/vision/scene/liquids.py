@@ -11,13 +11,13 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, distance_px, eroded
 from app.vision.geometry.topview import fit_table_trend, usable_points
-from app.vision.liquids.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
+from app.vision.scene.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
 from app.vision.scene.segmentation import Foods, HintMask, Region, segment_foods
 from app.vision.scene.support import Support
-from app.vision.stereo.disparity import DisparityMap
-from app.vision.stereo.rectification import RectifiedPair
 from app.vision.vessel_library import VesselModel
+from app.vision.views.disparity import DisparityMap
+from app.vision.views.rectification import RectifiedPair
 
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own

@@ -14,10 +14,10 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
-from app.vision.liquids.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
+from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.scene.food_checks import is_food
 from app.vision.scene.food_outline import correct_outlines, tidy_outlines
 from app.vision.scene.food_pixels import FLAT_MM, find_food_pixels
@@ -36,8 +36,8 @@ from app.vision.scene.support import (
 )
 from app.vision.scene.upright_sides import with_sides
 from app.vision.scene.vessel import Vessel, describe_vessel
-from app.vision.stereo.disparity import DisparityMap
-from app.vision.stereo.rectification import RectifiedPair
+from app.vision.views.disparity import DisparityMap
+from app.vision.views.rectification import RectifiedPair
 
 LOW_RIM_MM = 5.0  # lower than any dish's over its table
 BLACK_LEVEL = 4  # grey levels: black, and what JPEG makes of it

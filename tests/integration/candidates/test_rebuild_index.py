@@ -21,7 +21,7 @@ from app.privacy.retention import erase_old_pictures
 from app.records.rebuild_index import Described, check_index, rebuild_index
 from app.vision.looks.vcm import VCM_VERSION, describe_rings
 from app.vision.model import ColourCorrection
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from app.worker import TASKS
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker

@@ -5,7 +5,7 @@ import pytest
 
 from app.vision.model import EstimateOptions, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.stereo import features
+from app.vision.views import features
 from tests.support.scenes import load_scene
 
 pytestmark = pytest.mark.slow

@@ -15,7 +15,7 @@ from app.vision.intrinsics import Camera
 from app.vision.known_poses import poses_from_mapping, rig_of_poses
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.stereo.rig_pose import POSES_SHIFT_SD_SHARE
+from app.vision.views.rig_pose import POSES_SHIFT_SD_SHARE
 from tests.unit.vision.poses import arkit_poses
 from tests.unit.vision.rigs import rig_of
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, blank_views, covered

@@ -10,7 +10,7 @@ from app.vision.board.colour_correction import apply_colour
 from app.vision.board.colour_space import encode_srgb, linear_rgb
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.shape.tuning import TUNING
+from app.vision.tuning import TUNING
 from app.vision.version import PIPELINE_VERSION
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, ball_in, overlap, rendered_views
 

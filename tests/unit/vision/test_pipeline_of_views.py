@@ -5,7 +5,7 @@ import pytest
 
 from app.vision.model import EstimateOptions, Photo, PhotoPair
 from app.vision.pipeline import estimate_meal
-from app.vision.stereo.other_views import stereo_partners
+from app.vision.views.other_views import stereo_partners
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, look_at, render
 
 OPTIONS = EstimateOptions(SPEC, CAMERA)

@@ -13,7 +13,7 @@ from app.vision.board.marker import find_marker
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import parse_marker
 from app.vision.model import Photo
-from app.vision.photo import ReducedPhoto, read_photo, read_reduced_photo
+from app.vision.photograph.photo import ReducedPhoto, read_photo, read_reduced_photo
 from app.vision.precheck import check_pair
 from tests.support.scenes import both, load_scene, right_only, scaled, with_marker_moved
 

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.stereo.relative_pose import RefinedViews
 from app.vision.trace import Trace
+from app.vision.views.relative_pose import RefinedViews
 from tests.unit.vision.stereo_scene import blank_views
 
 

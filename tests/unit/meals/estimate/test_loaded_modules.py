@@ -13,6 +13,6 @@ def test_plain_pair_is_measured_without_parts_of_scipy_or_the_database():
     command = [sys.executable, "-X", "importtime", "-m", "app.cli", "estimate", "--json", *pair]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
-    assert {"cv2", "app.vision.shape.shape"} <= loaded
+    assert {"cv2", "app.vision.solids.shape"} <= loaded
     assert {"scipy.linalg", "scipy.sparse", "scipy.special", "scipy.spatial", "scipy.optimize"}.isdisjoint(loaded)
     assert {"sqlalchemy", "fastapi"}.isdisjoint(loaded)

@@ -12,7 +12,7 @@ from app.meals.estimate import receive_task as module
 from app.meals.estimate.receive_task import receive_task
 from app.photos.inspect import inspect_photo
 from app.photos.location import read_location
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from tests.support.photo_files import FOCAL_35MM, TAKEN_AT, exif_block
 from tests.support.photographs import photograph
 

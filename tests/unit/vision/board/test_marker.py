@@ -11,7 +11,7 @@ from app.vision.board.marker import agree_on_corners, find_marker, readings
 from app.vision.intrinsics import Camera
 from app.vision.marker_spec import USUAL, MarkerSpec, parse_marker
 from app.vision.model import MarkerObservation, Photo, PhotoPair
-from app.vision.photo import read_photo
+from app.vision.photograph.photo import read_photo
 from tests.unit.vision.synthetic import (
     PHONE,
     corner_points,

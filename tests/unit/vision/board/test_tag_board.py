@@ -17,7 +17,7 @@ from app.vision.board.print_layout import (
 )
 from app.vision.marker_spec import MarkerSpec, parse_marker
 from app.vision.model import EstimateOptions, MarkerObservation, Photo, PhotoPair
-from app.vision.stereo.features import is_on_sheet
+from app.vision.views.features import is_on_sheet
 from tests.unit.vision.synthetic import PHONE, look_at, project, render_board
 from tests.unit.vision.tag_boards import cv2_board, photograph, points_table, sheet_picture
 

@@ -4,8 +4,8 @@ import numpy as np
 
 from app.vision.geometry.masks import inward_in, inward_px, window_around
 from app.vision.geometry.pictures import LabPicture, lab_of
-from app.vision.stereo.reconstruction import plane_points
-from app.vision.stereo.rectification import rectify_by_poses
+from app.vision.views.reconstruction import plane_points
+from app.vision.views.rectification import rectify_by_poses
 from tests.unit.vision.stereo_scene import blank_views
 
 WINDOW = (slice(37, 90), slice(21, 131))

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from app.vision.liquids.filled_vessel import StandingVessel, Vessels
-from app.vision.liquids.rims import Circle
+from app.vision.scene.filled_vessel import StandingVessel, Vessels
 from app.vision.scene.liquids import HANDLE_MIN_POINTS, _is_part_of_vessel, _is_strip_beside
+from app.vision.scene.rims import Circle
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import Support
 

@@ -4,8 +4,8 @@ import pytest
 from app.core.errors import Failure
 from app.vision.scene.segmentation import HintMask, segment_foods
 from app.vision.scene.support import support_height_mm
-from app.vision.stereo.disparity import DisparityMap
-from app.vision.stereo.rectification import RectifiedPair
+from app.vision.views.disparity import DisparityMap
+from app.vision.views.rectification import RectifiedPair
 from tests.unit.vision.scene.scenes import iou
 
 SHAPE = (420, 560)

@@ -1,0 +1,173 @@
+"""What the views show of a food, as fields that can be asked between the pixels: both sides of a fit's misfits.
+
+An outline -> the signed distance from it; a map of parallax -> its value, its sd and whether it is known. Values change
+continuously with the place, so that a fit's cost does.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from app.vision.geometry.masks import window_around
+from app.vision.geometry.mesh import IntArray
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.solids.outline_snap import STEP_PX, Outline
+from app.vision.tuning import TUNING
+
+
+@dataclass(frozen=True, slots=True)
+class OutlineField:
+    """An outline in a window of a view. distance_px: (h, w) signed, positive outside. weight: (h, w) of the outline.
+
+    origin: (2,) x, y of the window's first pixel. length_px: of the outline, by its weight.
+    """
+
+    distance_px: Float32Array
+    weight: Float32Array
+    origin: Float64Array
+    length_px: float
+
+    def at(self, pixels: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """(n,) distance, (n, 2) its derivative by the place, and (n,) weight, at (n, 2) px."""
+        height, width = self.distance_px.shape
+        within = pixels - self.origin
+        inside = np.clip(within, 0.0, [width - 1.001, height - 1.001])
+        corners, shares, (x, y) = _around(inside)
+        here, right, below, across = (self.distance_px[corner] for corner in corners)
+        upper, lower = here + x * (right - here), below + x * (across - below)
+        slope = np.column_stack([(1 - y) * (right - here) + y * (across - below), lower - upper])
+        beyond = within - inside
+        apart = np.sqrt((beyond**2).sum(axis=1))
+        is_beyond = apart > 0
+        slope[is_beyond] = beyond[is_beyond] / apart[is_beyond, None]
+        return upper + y * (lower - upper) + apart, slope, _between(self.weight, corners, shares)
+
+
+def outline_field(line: Outline) -> OutlineField:
+    """The field around an outline."""
+    low = np.floor(line.points_px.min(axis=0)) - TUNING.field_margin_px
+    width, height = (np.ceil(line.points_px.max(axis=0)) + TUNING.field_margin_px - low + 1).astype(
+        np.int64
+    )
+    seeds = np.ones((height, width), np.uint8)
+    column, row = np.rint(line.points_px - low).astype(np.int64).T
+    seeds[row, column] = 0
+    _, label = cv2.distanceTransformWithLabels(
+        seeds, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    nearest = np.zeros(int(label.max()) + 1, np.int64)
+    nearest[label[row, column]] = np.arange(len(row))
+    point = nearest[label]
+    grid_y, grid_x = np.mgrid[:height, :width].astype(np.float32)
+    origin = line.points_px - low
+    apart_x = grid_x - origin[:, 0].astype(np.float32)[point]
+    apart_y = grid_y - origin[:, 1].astype(np.float32)[point]
+    normal_x, normal_y = (line.normals[:, axis].astype(np.float32)[point] for axis in (0, 1))
+    outward = apart_x * normal_x + apart_y * normal_y
+    along = np.abs(apart_y * normal_x - apart_x * normal_y)
+    beside = np.maximum(along - np.float32(STEP_PX / 2), 0)
+    distance = np.copysign(np.hypot(outward, beside), outward)
+    weight = line.weights.astype(np.float32)[point]
+    return OutlineField(
+        np.asarray(cv2.blur(distance, (TUNING.smooth_px, TUNING.smooth_px)), np.float32),
+        np.asarray(
+            cv2.blur(weight, (TUNING.smooth_weight_px, TUNING.smooth_weight_px)), np.float32
+        ),
+        low,
+        STEP_PX * float(line.weights.sum()),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class ParallaxField:
+    """Parallax in a window of the grid. value_px, sd_px: (h, w). known: (h, w) 1 where measured, 0 elsewhere.
+
+    area_px: over which errors are one. known_px: area that could be measured. origin: (2,) x, y of the window's first
+    pixel. is_measurement: the sd is of the measurement alone: what the food itself departs from its form comes on top.
+    """
+
+    value_px: Float32Array
+    sd_px: Float32Array
+    known: Float32Array
+    area_px: float
+    known_px: float
+    origin: tuple[int, int]
+    is_measurement: bool = False
+
+    def at(self, pixels: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+        """(n,) value, its sd and how far it is known, 0 to 1, at (n, 2) px."""
+        height, width = self.value_px.shape
+        place = pixels - self.origin
+        is_inside = np.all((place >= 0) & (place < [width - 1, height - 1]), axis=1)
+        corners, shares, _ = _around(np.where(is_inside[:, None], place, 0.0))
+        value, sd, known = (
+            _between(picture, corners, shares)
+            for picture in (self.value_px, self.sd_px, self.known)
+        )
+        return value, sd, known * is_inside
+
+
+def parallax_field(
+    parallax_px: Float32Array,
+    sd_px: Float32Array,
+    is_known: MaskArray,
+    area_px: float,
+    origin: tuple[int, int] = (0, 0),
+    *,
+    known_px: float | None = None,
+    is_measurement: bool = False,
+) -> ParallaxField | None:
+    """The field of what is known of a map; None if nothing is. All (H, W); origin: x, y of their first pixel.
+
+    known_px: area that could be known, if not that which is. The field is averaged over a few pixels, over which its
+    errors are one, and reaches half as far beyond what is known.
+    """
+    if not is_known.any():
+        return None
+    rows, columns = window_around(is_known, TUNING.averaged_px)
+    is_known = is_known[rows, columns]
+    share = _averaged(is_known.astype(np.float32))
+
+    def mean(picture: Float32Array) -> Float32Array:
+        total = _averaged(np.where(is_known, picture[rows, columns], np.float32(0)))
+        return np.asarray(total / np.maximum(share, np.float32(1e-6)), np.float32)
+
+    sd = np.maximum(mean(sd_px), np.float32(TUNING.least_sd_px))
+    place = origin[0] + columns.start, origin[1] + rows.start
+    known = np.minimum(2 * share, np.float32(1))
+    return ParallaxField(
+        mean(parallax_px),
+        sd,
+        known,
+        area_px,
+        known_px or float(np.count_nonzero(is_known)),
+        place,
+        is_measurement=is_measurement,
+    )
+
+
+def _averaged(picture: Float32Array) -> Float32Array:
+    side = (TUNING.averaged_px, TUNING.averaged_px)
+    return np.asarray(cv2.blur(picture, side, borderType=cv2.BORDER_CONSTANT), np.float32)
+
+
+def _around(
+    places: Float64Array,
+) -> tuple[list[tuple[IntArray, IntArray]], tuple[Float64Array, ...], Float64Array]:
+    """Rows and columns of the four pixels around places (n, 2), the share of each, and (2, n) x and y between them."""
+    whole = places.astype(np.int64)
+    column, row = whole.T
+    x, y = between = (places - whole).T
+    corners = [(row + down, column + right) for down in (0, 1) for right in (0, 1)]
+    return corners, ((1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x), between
+
+
+def _between(
+    picture: Float32Array,
+    corners: list[tuple[IntArray, IntArray]],
+    shares: tuple[Float64Array, ...],
+) -> Float64Array:
+    """(n,) the picture between four pixels each."""
+    values = (share * picture[corner] for share, corner in zip(shares, corners, strict=True))
+    return np.asarray(sum(values), np.float64)

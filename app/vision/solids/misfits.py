@@ -1,0 +1,290 @@
+"""How far a form is from what the views show: outlines, the parts of them that it leaves out, parallax.
+
+A form at unknowns + evidence (Seen) -> residuals, px, each with its sd, weight and derivative. All change continuously
+with the unknowns: a vertex takes part by how far it faces the camera, not by whether it does.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from app.vision.geometry.masks import filled, window_around
+from app.vision.geometry.mesh import IntArray, Topology, unit, vertex_normals
+from app.vision.model import Float64Array
+from app.vision.solids.contour import Contour, contour_generator, covers
+from app.vision.solids.fields import ParallaxField
+from app.vision.solids.forms import EXACT, Form
+from app.vision.solids.outline_snap import STEP_PX
+from app.vision.solids.seen import Seen
+from app.vision.solids.surface_match import draw_mask
+from app.vision.tuning import TUNING
+
+SAMPLES = np.array(TUNING.samples)
+
+
+@dataclass(frozen=True, slots=True)
+class Misfits:
+    """Residuals of a form. Each hangs on one vertex or on a few: those from its `begins` on.
+
+    vertex: (v,). by_point: (v, 3) derivative by its place, px/mm. begins: (n,) the first of each residual's vertices.
+    residual_px, sd_px, weight: (n,). unexplained: observations of parallax where the form shows no surface.
+    """
+
+    vertex: IntArray
+    by_point: Float64Array
+    begins: IntArray
+    residual_px: Float64Array
+    sd_px: Float64Array
+    weight: Float64Array
+    unexplained: float = 0.0
+
+    def loss(self, tolerance: float) -> float:
+        """-2 log likelihood, by Cauchy: a shadow taken for food or a highlight bends little."""
+        scaled = self._scaled(tolerance)
+        measured = float(TUNING.loss_scale**2 * (self.weight * np.log1p(scaled**2)).sum())
+        return measured + TUNING.unexplained_loss * self.unexplained
+
+    def precision(self, tolerance: float) -> Float64Array:
+        """(n,) of each residual as the loss leaves it (iteratively reweighted least squares)."""
+        variance = (tolerance * self.sd_px) ** 2
+        return self.weight / variance / (1 + self._scaled(tolerance) ** 2)
+
+    @property
+    def middle(self) -> float:
+        """The median of the residuals in sds, by weight."""
+        size = np.abs(self.residual_px) / self.sd_px
+        order = np.argsort(size)
+        total = np.cumsum(self.weight[order])
+        return float(size[order[np.searchsorted(total, total[-1] / 2)]])
+
+    def _scaled(self, tolerance: float) -> Float64Array:
+        return self.residual_px / (tolerance * TUNING.loss_scale * self.sd_px)
+
+
+def misfits(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> Misfits | None:
+    """The misfits of a form; None where nothing of the food meets it."""
+    placed = _Placed(form.topology(cells), form.vertices(unknowns, cells), seen)
+    parts: list[Misfits | None] = [_of_parallax(placed, field) for field in seen.parallax_fields]
+    for view, field in enumerate(seen.outline_fields):
+        line = None if field is None else _line_in(placed, view)
+        if line is None:
+            continue
+        parts.append(_of_outline(placed, line, view, is_folded=form.is_folded))
+        if view == 0:
+            parts.append(_of_coverage(placed, line))
+    return _together([part for part in parts if part is not None])
+
+
+def uncovered(form: Form, unknowns: Float64Array, seen: Seen) -> float:
+    """Return how many observations the part of the mask is worth that the form, with its hole, does not cover.
+
+    Where another food hides the outline, nothing else draws a form over the whole of the mask.
+    """
+    pixels, _ = seen.sight.project(form.vertices(unknowns, EXACT))
+    rows, columns = window_around(seen.mask, TUNING.margin_px)  # beyond it nothing is to be covered
+    mask = seen.mask[rows, columns]
+    low = columns.start, rows.start
+    covered = filled(draw_mask(pixels - low, form.topology(EXACT).faces, mask.shape))
+    return float(np.count_nonzero(mask & ~covered)) / TUNING.dense_area_px
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A form's mesh where the unknowns place it, as the views see it. vertices: (n, 3) mm."""
+
+    mesh: Topology
+    vertices: Float64Array
+    seen: Seen
+
+    @cached_property
+    def vertex_normals(self) -> Float64Array:
+        """(n, 3) outward, six times the area long for which a vertex stands."""
+        return vertex_normals(self.vertices, self.mesh)
+
+    @cached_property
+    def outward(self) -> Float64Array:
+        """(n, 3) the same of length one."""
+        return unit(self.vertex_normals)
+
+    @cached_property
+    def first(self) -> tuple[Float64Array, Float64Array]:
+        """(n, 2) px in the first view, (n,) parallax, px."""
+        return self.seen.sight.project(self.vertices)
+
+
+@dataclass(frozen=True, slots=True)
+class _Line:
+    """The outline of a form in a view, as contour_generator has it. pixels: (n, 2). gradient: (n, 2, 3) px/mm."""
+
+    contour: Contour
+    pixels: Float64Array
+    gradient: Float64Array
+
+    def moved(self, point: IntArray, towards: Float64Array) -> tuple[IntArray, Float64Array]:
+        """(2 k,) vertices and (2 k, 3) derivatives, px/mm, of points (k,) counted along (k, 2) in the picture."""
+        by_point = np.einsum("na,nab->nb", towards, self.gradient[point])
+        share = self.contour.share[point]
+        shares = np.column_stack([1 - share, share]).ravel()
+        by_vertex = np.repeat(by_point, 2, axis=0) * shares[:, None]
+        return self.contour.vertex[point].ravel(), by_vertex
+
+
+def _line_in(placed: _Placed, view: int) -> _Line | None:
+    seen = placed.seen
+    contour = contour_generator(placed.vertices, placed.outward, placed.mesh, seen.camera_mm(view))
+    if len(contour.points) < TUNING.min_outline:
+        return None
+    pixels = seen.pixels(contour.points, view)
+    return _Line(contour, pixels, seen.pixel_gradient(contour.points, view))
+
+
+def _of_outline(placed: _Placed, line: _Line, view: int, *, is_folded: bool) -> Misfits | None:
+    """Distance of the form's outline from the food's, px: of each point the mean over the half segments around it."""
+    seen = placed.seen
+    field = seen.outline_fields[view]
+    if field is None:
+        return None
+    segments = line.contour.segments
+    start, end = (line.pixels[segments[:, side]] for side in (0, 1))
+    along = SAMPLES[:, None, None]
+    samples = (start + along * (end - start)).reshape(-1, 2)
+    distance, slope, weight = field.at(samples)
+    length = np.tile(np.sqrt(((end - start) ** 2).sum(axis=1)) / len(SAMPLES), len(SAMPLES))
+    share = np.repeat(SAMPLES, len(segments))
+    point = np.concatenate([np.tile(segments[:, side], len(SAMPLES)) for side in (0, 1)])
+    by_sample = np.concatenate([(1 - share) * length * weight, share * length * weight])
+    count = len(line.pixels)
+    total = np.bincount(point, by_sample, count)
+
+    def mean(values: Float64Array) -> Float64Array:
+        summed = np.bincount(point, by_sample * np.tile(values, 2), count)
+        return np.asarray(summed / np.maximum(total, 1e-9), np.float64)
+
+    towards = np.column_stack([mean(slope[:, 0]), mean(slope[:, 1])])
+    vertex, by_vertex = line.moved(np.arange(count), towards)
+    open_share = _open_share(line) if is_folded else np.ones(count)
+    weight = np.asarray(total * open_share, np.float64)
+    weight *= field.length_px / max(float(weight.sum()), 1e-9) / TUNING.outline_run_px
+    sd = np.full(count, seen.outline_sd_px)
+    return Misfits(vertex, by_vertex, 2 * np.arange(count), mean(distance), sd, weight)
+
+
+def _of_coverage(placed: _Placed, line: _Line) -> Misfits | None:
+    """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
+
+    They draw the nearest point of the form's outline towards them.
+    """
+    seen = placed.seen
+    outline = seen.outlines[0]
+    if outline is None:
+        return None
+    points, weights = outline.points_px[::2], 2 * outline.weights[::2]
+    segments = line.contour.segments
+    start, end = (line.pixels[segments[:, side]] for side in (0, 1))
+    towards = end - start
+    length2 = np.maximum((towards**2).sum(axis=1), 1e-9)
+    apart_x, apart_y = (points[:, axis, None] - start[:, axis] for axis in (0, 1))
+    share = np.clip((apart_x * towards[:, 0] + apart_y * towards[:, 1]) / length2, 0, 1)
+    distance2 = (apart_x - share * towards[:, 0]) ** 2 + (apart_y - share * towards[:, 1]) ** 2
+    number = distance2.argmin(axis=1)
+    distance = np.sqrt(distance2[np.arange(len(points)), number])
+    kept = np.flatnonzero((distance > TUNING.unexplained_px) & (weights > 0))
+    if len(kept) == 0:
+        return None
+    number, distance = number[kept], distance[kept]
+    share = share[kept, number]
+    nearest = start[number] + share[:, None] * towards[number]
+    direction = (nearest - points[kept]) / distance[:, None]
+    end_of = segments[number, (share > 0.5).astype(np.int64)]
+    vertex, by_vertex = line.moved(end_of, direction)
+    return Misfits(
+        vertex,
+        by_vertex,
+        2 * np.arange(len(kept)),
+        distance - TUNING.unexplained_px,
+        np.full(len(kept), seen.outline_sd_px),
+        TUNING.coverage_weight * weights[kept] * STEP_PX / TUNING.outline_run_px,
+    )
+
+
+def _open_share(line: _Line) -> Float64Array:
+    """(n,) 1 for what is on the outline of the whole, 0 for what the form itself covers in the picture."""
+    outward = unit(np.einsum("nab,nb->na", line.gradient, line.contour.normals))
+    beyond = [line.pixels + reach * outward for reach in TUNING.hidden_px]
+    segments = line.contour.segments
+    ends = line.pixels[segments[:, 0]], line.pixels[segments[:, 1]]
+    hidden = covers(ends, np.concatenate(beyond)).reshape(len(beyond), -1)
+    return np.asarray(1.0 - hidden.mean(axis=0), np.float64)
+
+
+def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits:
+    """Parallax of the form's points less the measured one, px; each vertex speaks for the area around it.
+
+    What is known where the form shows no surface is unexplained.
+    """
+    sight, vertices = placed.seen.sight, placed.vertices
+    normals = placed.vertex_normals
+    first, second = sight.cameras_mm
+    ray = vertices - first
+    depth = ray @ sight.pair.rotation[2]
+    ray = ray / depth[:, None]
+    outward = placed.outward
+    slant = -np.einsum("ij,ij->i", outward, ray)
+    slant_second = -np.einsum("ij,ij->i", outward, unit(vertices - second))
+    height = vertices[:, 2] - vertices[:, 2].min()
+    share = _ramp(slant, *TUNING.facing)
+    share *= _ramp(slant_second, *TUNING.facing_second)
+    share *= _ramp(height, 0.0, TUNING.foot_mm)
+    index = np.flatnonzero(share)
+    pixels, parallax = placed.first
+    measured, sd, known = field.at(pixels[index])
+    is_known = known > 0
+    if not is_known.any():
+        nothing = np.empty(0)
+        unexplained = field.known_px / field.area_px
+        none = np.empty(0, np.int64)
+        return Misfits(none, np.empty((0, 3)), none, nothing, nothing, nothing, unexplained)
+    index, measured, sd = index[is_known], measured[is_known], sd[is_known]
+    share = share[index] * known[is_known]
+    # A vertex speaks for a third of the triangles around it.
+    depth = depth[index]
+    seen_mm2 = np.abs(np.einsum("ij,ij->i", normals[index], ray[index])) / 6
+    seen_px2 = share * seen_mm2 * (sight.pair.focal_px / depth) ** 2
+    # A surface that moves by its normals' component changes the depth along a ray by that over the slant.
+    per_mm = sight.parallax_per_mm(depth)
+    by_point = outward[index] * (-per_mm / slant[index])[:, None]
+    area_px: Float64Array | float = field.area_px
+    if field.is_measurement:
+        # A depth map shows the food itself, which departs from any form: of what a map says that is nearly exact, the
+        # form's own error is what counts.
+        noise, rough = sd**2, (TUNING.roughness_mm * per_mm) ** 2
+        rough_px2 = (TUNING.roughness_run_mm * sight.pair.focal_px / depth) ** 2
+        area_px = (noise * field.area_px + rough * rough_px2) / (noise + rough)
+        sd = np.sqrt(noise + rough)
+    weight = seen_px2 / area_px
+    left_px2 = max(field.known_px - float(seen_px2.sum()), 0.0)
+    unexplained = left_px2 * float(weight.sum()) / float(seen_px2.sum())
+    residual = parallax[index] - measured
+    return Misfits(index, by_point, np.arange(len(index)), residual, sd, weight, unexplained)
+
+
+def _ramp(value: Float64Array, low: float, high: float) -> Float64Array:
+    """(n,) from 0 at low to 1 at high, with a continuous slope."""
+    share = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return np.asarray(share * share * (3 - 2 * share), np.float64)
+
+
+def _together(parts: list[Misfits]) -> Misfits | None:
+    if not any(len(part.residual_px) for part in parts):
+        return None
+    ends = np.cumsum([0, *(len(part.vertex) for part in parts)])
+    return Misfits(
+        np.concatenate([part.vertex for part in parts]),
+        np.concatenate([part.by_point for part in parts]),
+        np.concatenate([part.begins + end for part, end in zip(parts, ends, strict=False)]),
+        np.concatenate([part.residual_px for part in parts]),
+        np.concatenate([part.sd_px for part in parts]),
+        np.concatenate([part.weight for part in parts]),
+        sum(part.unexplained for part in parts),
+    )
