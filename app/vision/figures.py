@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from app.vision.board.colour_correction import apply_colour
-from app.vision.geometry.pointcloud import write_ply
 from app.vision.geometry.projective import homogeneous
 from app.vision.model import (
     Artefact,
@@ -24,8 +23,7 @@ from app.vision.model import (
     View,
 )
 from app.vision.scene_file import SCENE_NAME, write_scene
-from app.vision.solids.measure import MeasuredItem
-from app.vision.solids.volume import Volume
+from app.vision.solids.measured_item import MeasuredItem, Volume
 from app.vision.trace import Reconstruction, Trace
 from app.vision.views.epipolar import Epipolar
 from app.vision.views.features import Matches, undistort_to_pinhole
@@ -46,6 +44,7 @@ WHITE, BLACK, RED, GREEN, GREY = (
     (60, 190, 60),
     (170, 170, 170),
 )
+PLY_VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
 ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (190, 50, 170))
 
 
@@ -213,7 +212,7 @@ def _render(
     points: Float64Array, paint: ImageArray, volume: Volume, camera_mm: Float64Array
 ) -> ImageArray:
     """Orthographic picture from 60 degrees beside the camera, 20 degrees above the table."""
-    centre = np.array([*volume.axis.centre_mm, 0.0])
+    centre = np.array([*volume.centre_mm, 0.0])
     away = camera_mm[:2] - centre[:2]
     azimuth, slant = np.arctan2(away[1], away[0]) + np.radians(60.0), np.radians(20.0)
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -244,13 +243,13 @@ def _slices(volumes: Sequence[Volume]) -> ImageArray:
         extent = max(each.half_axes_mm[0] for each in volume.slices) * 1.2
         scale = side / (2 * extent)
         panel = np.full((side, side, 3), 255, np.uint8)
-        places = np.rint(
-            (volume.completed_mm[:, :2] - volume.axis.centre_mm) * scale + side / 2
-        ).astype(np.int64)
+        places = np.rint((volume.completed_mm[:, :2] - volume.centre_mm) * scale + side / 2).astype(
+            np.int64
+        )
         inside = ((places >= 0) & (places < side)).all(axis=1)
         panel[places[inside, 1], places[inside, 0]] = GREY
         for each in volume.slices:
-            centre = (each.centre_mm - volume.axis.centre_mm) * scale + side / 2
+            centre = (each.centre_mm - volume.centre_mm) * scale + side / 2
             colour = cv2.applyColorMap(
                 np.array([[each.low_mm / top * 255]], np.uint8), cv2.COLORMAP_TURBO
             )[0, 0]
@@ -304,3 +303,25 @@ def _write(
 ) -> None:
     for ink, width in ((WHITE, 6), (colour, 2)):
         cv2.putText(picture, text, place, cv2.FONT_HERSHEY_SIMPLEX, size, ink, width, cv2.LINE_AA)
+
+
+def write_ply(points_mm: Float64Array, colours_bgr: ImageArray) -> bytes:
+    """A binary PLY file of (n, 3) points in mm with (n, 3) uint8 BGR colours.
+
+    Raises ValueError if the lengths differ.
+    """
+    if len(points_mm) != len(colours_bgr):
+        raise ValueError(f"There are {len(points_mm)} points, but {len(colours_bgr)} colours.")
+    vertices = np.zeros(len(points_mm), PLY_VERTEX)
+    vertices["xyz"] = points_mm
+    vertices["rgb"] = colours_bgr[:, ::-1]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        "comment table frame, mm, z up from the marker's plane",
+        f"element vertex {len(vertices)}",
+        *(f"property float {axis}" for axis in "xyz"),
+        *(f"property uchar {colour}" for colour in ("red", "green", "blue")),
+        "end_header",
+    ]
+    return ("\n".join(header) + "\n").encode("ascii") + vertices.tobytes()

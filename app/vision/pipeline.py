@@ -22,13 +22,14 @@ from app.vision.model import (
     PhotoPair,
 )
 from app.vision.paper.depth_slices import measure_as_printed
+from app.vision.paper.measure_items import measure_items
 from app.vision.paper.printed_stereo import reconstruct_as_printed
 from app.vision.placement import MARKER_UNSEEN, Placement, doubt_volumes, place_views
 from app.vision.reconstruct import add_depths, reconstruct_over_table
 from app.vision.scene.liquids import segment_meal
 from app.vision.scene.segmentation import Foods
 from app.vision.solids.form_prior import LikelyForms, form_prior
-from app.vision.solids.measure import MeasuredItem, measure_items, of_single_view
+from app.vision.solids.measured_item import MeasuredItem, of_single_view
 from app.vision.solids.outlines import draw_hints, photograph_px, rings_of
 from app.vision.solids.shape import measure_shapes
 from app.vision.trace import Reconstruction, Stages, Trace

@@ -28,7 +28,7 @@ from app.vision.model import (
     PhotoPair,
     View,
 )
-from app.vision.solids.measure import MeasuredItem
+from app.vision.solids.measured_item import MeasuredItem, Volume
 from app.vision.solids.outlines import (
     photograph_px,
     points_in_photograph,
@@ -36,7 +36,6 @@ from app.vision.solids.outlines import (
     rings_of_faces,
     second_grid_in_photograph,
 )
-from app.vision.solids.volume import Volume
 from app.vision.trace import Reconstruction, Trace
 
 Document = dict[str, object]  # JSON

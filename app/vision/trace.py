@@ -10,7 +10,7 @@ from app.vision.geometry.topview import TableTrend, usable_points
 from app.vision.model import ColourCorrection, Float32Array, MarkerObservation, MaskArray, View
 from app.vision.paper.printed_stereo import PrintedStereo
 from app.vision.scene.segmentation import Foods, rim_radii_mm
-from app.vision.solids.measure import MeasuredItem
+from app.vision.solids.measured_item import MeasuredItem
 from app.vision.views.disparity import DisparityMap
 from app.vision.views.epipolar import Epipolar
 from app.vision.views.features import Matches

@@ -13,15 +13,22 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.slices import CELLS_ACROSS, CLOSING_CELLS, SLICES, Slice, filled
-from app.vision.geometry.solids import stack_of_slices
-from app.vision.geometry.symmetry import SymmetryAxis
+from app.vision.geometry.slices import SLICES, Slice, stack_of_slices
 from app.vision.model import Float64Array, Hint, SliceForm
 from app.vision.paper.printed_stereo import PrintedStereo
+from app.vision.paper.slices import CELLS_ACROSS, CLOSING_CELLS, filled
+from app.vision.paper.symmetry import SymmetryAxis
+from app.vision.paper.volume import HIDDEN_SD, MIN_POINTS, MIN_SLICES
 from app.vision.scene.segmentation import Region
-from app.vision.solids.measure import MeasuredItem, is_low_texture, without_clutter
+from app.vision.solids.measured_item import (
+    NORMAL_90,
+    SCALE_SD,
+    MeasuredItem,
+    Volume,
+    is_low_texture,
+    without_clutter,
+)
 from app.vision.solids.sections import cut_sections
-from app.vision.solids.volume import HIDDEN_SD, MIN_POINTS, MIN_SLICES, NORMAL_90, SCALE_SD, Volume
 
 STRAY_SHARE = 0.001  # of a food's points at either end of its depth: half an ellipsoid loses 5 % of its depth by it
 MIN_BOUNDARY = 5  # points, of which an ellipse has as many unknowns
@@ -167,7 +174,7 @@ def _volume(
         interval_ml=(volume_ml / factor, volume_ml * factor),
         relative_sd={"pair": pair_sd, "item": item_sd},
         form=form,
-        axis=SymmetryAxis(seen_table[:, :2].mean(axis=0), 0.0, 1.0),
+        centre_mm=seen_table[:, :2].mean(axis=0),
         slices=cut_sections(vertices, shape.faces, support_mm),
         completed_mm=seen_table - [0.0, 0.0, support_mm],
         shape=ClosedShape(vertices - [0.0, 0.0, support_mm], shape.faces),

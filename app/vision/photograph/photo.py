@@ -21,7 +21,7 @@ from pillow_heif import HeifImageFile
 from app.core.errors import Failure
 from app.vision.geometry.pictures import reduce_by
 from app.vision.model import ImageArray, Photo
-from app.vision.photograph import jpeg_pixels, png_pixels
+from app.vision.photograph.lost_pixels import JPEG_START, PNG_START, lacks_pixels
 
 MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squares of 7 px there; smaller ones are lost
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
@@ -31,8 +31,6 @@ MILLIMETRE = 4  # of FocalPlaneResolutionUnit
 TAKEN_AT = re.compile(r"[\d :]{19}", re.ASCII)
 REENCODED_QUALITY = 98
 MAX_NAME_LENGTH = 100
-JPEG_START = b"\xff\xd8\xff"
-PNG_START = b"\x89PNG\r\n\x1a\n"
 HEIF_BRANDS = frozenset({b"heic", b"heix", b"heim", b"heis", b"hevc", b"hevx", b"mif1", b"msf1"})
 # What Pillow and libheif raise on bytes that lie; anything else is a fault of ours and should be seen.
 DECODE_ERRORS = (
@@ -149,7 +147,7 @@ def _read(
             f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
-    if not is_whole and _lacks_pixels(data):
+    if not is_whole and lacks_pixels(data):
         return _damaged(data)
     try:
         factor = _reduction(max(width, height), least_long_side_px)
@@ -208,13 +206,6 @@ def read_taken_at(data: bytes) -> str | None:
         else None
     )
     return taken_at if isinstance(taken_at, str) and TAKEN_AT.fullmatch(taken_at) else None
-
-
-def _lacks_pixels(data: bytes) -> bool:
-    """Whether part of the picture is missing in a way that decoders do not tell."""
-    if data.startswith(JPEG_START):
-        return jpeg_pixels.lacks_pixels(data)
-    return data.startswith(PNG_START) and png_pixels.lacks_pixels(data)
 
 
 def _reduction(long_side_px: int, least_long_side_px: int | None) -> int:

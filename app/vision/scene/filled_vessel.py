@@ -15,8 +15,7 @@ from app.core.units import ml_from_mm3
 from app.vision.geometry.masks import eroded
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.pictures import LabPicture
-from app.vision.geometry.slices import Slice, disc
-from app.vision.geometry.solids import turned
+from app.vision.geometry.slices import Slice, disc, turned
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.scene.glass_level import find_level_in_glass

@@ -10,8 +10,7 @@ import scipy
 
 from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.slices import Slice, disc
-from app.vision.geometry.solids import turned
+from app.vision.geometry.slices import Slice, disc, turned
 from app.vision.model import Float64Array
 from app.vision.scene.vessel import Vessel
 

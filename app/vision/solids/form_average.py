@@ -9,13 +9,12 @@ import numpy as np
 
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import Slice
-from app.vision.geometry.symmetry import SymmetryAxis
 from app.vision.model import Float64Array
 from app.vision.solids.form_fit import FormFit
 from app.vision.solids.form_prior import FAMILIES_OF_FORM, FormPrior, LikelyForms
 from app.vision.solids.forms import EXACT
+from app.vision.solids.measured_item import NORMAL_90, Volume
 from app.vision.solids.sections import cut_sections
-from app.vision.solids.volume import NORMAL_90, Volume
 from app.vision.tuning import SINGLE_TUNING, TUNING
 
 Flags = tuple[str, ...]  # stable codes
@@ -116,7 +115,7 @@ def log_normal_volume(
         interval_ml=(volume_ml / factor, volume_ml * factor),
         relative_sd={"pair": pair_sd, "item": item_sd},
         form="ellipse",
-        axis=SymmetryAxis(middle_mm, 0.0, 1.0),
+        centre_mm=middle_mm,
         slices=slices,
         completed_mm=completed_mm,
         shape=shape,

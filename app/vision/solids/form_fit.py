@@ -13,9 +13,9 @@ from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import enclosed_gradient_mm2, enclosed_mm3
 from app.vision.model import Float64Array
 from app.vision.solids.forms import COARSE, EXACT, Form
+from app.vision.solids.measured_item import MOST_SD
 from app.vision.solids.misfits import Misfits, misfits, uncovered
 from app.vision.solids.seen import Seen
-from app.vision.solids.volume import MOST_SD
 from app.vision.tuning import TUNING
 
 

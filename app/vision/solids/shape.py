@@ -23,7 +23,13 @@ from app.vision.solids.form_average import Flags, average_forms, likely_fits, lo
 from app.vision.solids.form_fit import FormFit, fit_form
 from app.vision.solids.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.solids.forms import COARSE, FINE, Form
-from app.vision.solids.measure import MeasuredItem, is_low_texture, without_clutter
+from app.vision.solids.measured_item import (
+    SCALE_SD,
+    MeasuredItem,
+    Volume,
+    is_low_texture,
+    without_clutter,
+)
 from app.vision.solids.outline_snap import (
     Outline,
     colours_beside,
@@ -35,7 +41,6 @@ from app.vision.solids.prism_starts import begin_prisms
 from app.vision.solids.seen import Seen
 from app.vision.solids.single_starts import single_view_forms
 from app.vision.solids.surface_match import average_along, draw_mask, measure_along
-from app.vision.solids.volume import SCALE_SD, Volume
 from app.vision.tuning import SINGLE_TUNING, TUNING
 from app.vision.views.disparity import DisparityMap
 from app.vision.views.pinhole_view import PinholeView

@@ -10,7 +10,7 @@ from app.vision.board.marker import find_marker
 from app.vision.model import EstimateOptions, Hint, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.scene.segmentation import Region
-from app.vision.solids.measure import MeasuredItem, of_single_view
+from app.vision.solids.measured_item import MeasuredItem, of_single_view
 from app.vision.views.single_view import place_alone, single_volume_sd
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, covered, on_plain_table
 

@@ -11,7 +11,7 @@ from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.model import ItemEstimate
 from app.vision.scene.segmentation import Region
 from app.vision.scene_file import MAX_BYTES, write_scene
-from app.vision.solids.measure import MeasuredItem
+from app.vision.solids.measured_item import MeasuredItem
 from tests.unit.vision.meshes import assert_watertight
 from tests.unit.vision.stereo_scene import BALL, CAMERA, ball_in, overlap
 

@@ -7,7 +7,7 @@ from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import enclosed_mm3
 from app.vision.scene.vessel import Vessel
 from app.vision.solids.bowl import BowlContent, measure_content
-from app.vision.solids.volume import NORMAL_90
+from app.vision.solids.measured_item import NORMAL_90
 from tests.unit.vision.meshes import assert_watertight
 
 CENTRE_MM = np.array([100.0, 40.0])

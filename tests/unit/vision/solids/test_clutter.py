@@ -1,18 +1,15 @@
 import numpy as np
 
 from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.symmetry import SymmetryAxis
 from app.vision.scene.segmentation import Region
-from app.vision.solids.measure import MIN_VOLUME_ML, MeasuredItem, without_clutter
-from app.vision.solids.volume import Volume
+from app.vision.solids.measured_item import MIN_VOLUME_ML, MeasuredItem, Volume, without_clutter
 
 NO_SHAPE = ClosedShape(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
 
 
 def item(volume_ml, hint=None, item_sd=0.05, interval=(0.9, 1.1)):
-    axis = SymmetryAxis(np.zeros(2), 0.0, 1.0)
     interval_ml = tuple(share * volume_ml for share in interval)
-    volume = Volume(volume_ml, interval_ml, {"item": item_sd}, "circle", axis, (), np.zeros((0, 3)), NO_SHAPE)
+    volume = Volume(volume_ml, interval_ml, {"item": item_sd}, "circle", np.zeros(2), (), np.zeros((0, 3)), NO_SHAPE)
     return MeasuredItem(Region(np.ones((4, 4), bool), hint), np.zeros((0, 3)), 0.0, volume, ())
 
 

@@ -13,9 +13,8 @@ from app.vision.solids.families import _RING, _UPRIGHT
 from app.vision.solids.form_average import likely_fits
 from app.vision.solids.form_fit import fit_form, form_at
 from app.vision.solids.forms import COARSE, FINE, SUPPORT, A, B, C, Ring, Superellipsoid, X, Y
-from app.vision.solids.nearest import Nearest
+from app.vision.solids.outline_snap import Nearest, outline, rings_of_mask
 from app.vision.solids.outline_snap import Ring as Line
-from app.vision.solids.outline_snap import outline, rings_of_mask
 from app.vision.solids.seen import Seen
 from app.vision.solids.surface_match import SurfaceParallax, draw_mask, draw_parallax
 from app.vision.tuning import TUNING

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from app.vision.geometry.pictures import lab_of
-from app.vision.solids.outline_snap import colours_beside, outline, rings_of_mask, snap
+from app.vision.solids.outline_snap import Nearest, colours_beside, outline, rings_of_mask, snap
 
 MIDDLE_PX, RADIUS_PX = np.array([80.3, 70.7]), 40.4
 SIZE = (150, 170)
@@ -110,3 +110,18 @@ def test_colours_beside_an_outline_are_those_of_both_sides():
     found = colours_beside(lab, outline(rings, np.ones(len(rings[0].points_px))))
     for side, colour in zip(found, (FOOD, CLOTH), strict=True):
         assert np.allclose(side, lab_of(np.full((1, 1, 3), colour, np.uint8))[0, 0], atol=1.5)
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 11, 700])
+def test_nearest_is_that_of_all_distances(count):
+    rng = np.random.default_rng(count)
+    points, asked = (rng.uniform(0, 4000, (n, 2)) for n in (count, 150))
+    distances = np.linalg.norm(asked[:, None] - points, axis=2)
+    nearest, first = Nearest(points), points.copy()
+    points += 1000.0  # which changes no answer
+    distance, index = nearest.query(asked)
+    assert np.allclose(distance, distances.min(axis=1), atol=1e-3)
+    assert np.allclose(distances[np.arange(len(asked)), index], distances.min(axis=1), atol=1e-3)
+    distance, index = nearest.query(first)
+    assert np.array_equal(index, np.arange(count))
+    assert (distance == 0).all()

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.geometry.pointcloud import VERTEX, write_ply
+from app.vision.figures import PLY_VERTEX, write_ply
 
 
 def test_ply_holds_points_and_colours_in_rgb_order():
@@ -10,7 +10,7 @@ def test_ply_holds_points_and_colours_in_rgb_order():
     header, _, body = data.partition(b"end_header\n")
     assert header.startswith(b"ply\nformat binary_little_endian 1.0\n")
     assert b"element vertex 2\n" in header
-    vertices = np.frombuffer(body, VERTEX)
+    vertices = np.frombuffer(body, PLY_VERTEX)
     assert np.allclose(vertices["xyz"], points)
     assert vertices["rgb"].tolist() == [[30, 20, 10], [60, 50, 40]]
     with pytest.raises(ValueError, match="colours"):

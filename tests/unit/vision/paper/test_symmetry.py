@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.geometry.symmetry import complete, fit_axis
+from app.vision.paper.symmetry import complete, fit_axis
 from tests.unit.vision.clouds import PLACE_MM, box, ellipsoid
 
 THICKNESS_MM = 2.0

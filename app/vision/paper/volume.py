@@ -3,49 +3,25 @@
 Points of the visible side in the table frame and the support's height -> ml with a 90 % interval.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
-from app.core.believable import WIDEST
 from app.core.units import ml_from_mm3
-from app.vision.geometry.mesh import ClosedShape
-from app.vision.geometry.slices import Slice, carve, cut_slices, slice_thickness_mm
-from app.vision.geometry.solids import stack_of_slices
-from app.vision.geometry.symmetry import SymmetryAxis, complete, fit_axis, main_body
+from app.vision.geometry.slices import Slice, slice_thickness_mm, stack_of_slices
 from app.vision.model import Float64Array, MaskArray, SliceForm
+from app.vision.paper.slices import carve, cut_slices
+from app.vision.paper.symmetry import complete, fit_axis, main_body
+from app.vision.solids.measured_item import NORMAL_90, SCALE_SD, Volume
 
 METHOD_SD = (
     0.077 * 1.2533
 )  # the paper's mean error over six fruit (Table I); times sqrt(pi / 2) a mean error is an sd
-SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
 HIDDEN_SD = 0.15  # of the volume that no view shows, relative
 SUPPORT_SD_MM = 1.5  # height of the support under a food
-NORMAL_90 = 1.645
-MOST_SD = math.log(WIDEST) / NORMAL_90  # relative; beyond, the interval says nothing
 MIN_POINTS = 60
 MIN_SLICES = 3
 TOP_QUANTILE = 0.999  # of heights; higher points are strays
-
-
-@dataclass(frozen=True, slots=True)
-class Volume:
-    """A food's volume and how it came about. relative_sd: see ItemEstimate. form: that its slices were fitted with.
-
-    shape: the closed surface that stands for it. It holds volume_ml but where that is an average over several shapes
-    (the default method), of which it is the likeliest.
-    """
-
-    volume_ml: float
-    interval_ml: tuple[float, float]
-    relative_sd: dict[str, float]
-    form: SliceForm
-    axis: SymmetryAxis
-    slices: tuple[Slice, ...]
-    completed_mm: Float64Array
-    shape: ClosedShape
 
 
 def estimate_volume(
@@ -95,7 +71,7 @@ def estimate_volume(
         interval_ml=(volume_ml / spread, volume_ml * spread),
         relative_sd=relative_sd,
         form=chosen,
-        axis=axis,
+        centre_mm=axis.centre_mm,
         slices=tuple(slices),
         completed_mm=completed,
         shape=stack_of_slices(slices),
