@@ -24,9 +24,10 @@ from app.vision.model import (
 )
 from app.vision.scene_file import SCENE_NAME, write_scene
 from app.vision.solids.measured_item import MeasuredItem, Volume
-from app.vision.trace import Reconstruction, Trace
+from app.vision.trace import Trace
 from app.vision.views.epipolar import Epipolar
 from app.vision.views.features import Matches, undistort_to_pinhole
+from app.vision.views.reconstruction import Reconstruction
 from app.vision.views.rectification import rectify_by_fundamental
 from app.vision.views.relative_pose import RefinedViews
 

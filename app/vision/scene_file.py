@@ -36,7 +36,8 @@ from app.vision.solids.outlines import (
     rings_of_faces,
     second_grid_in_photograph,
 )
-from app.vision.trace import Reconstruction, Trace
+from app.vision.trace import Trace
+from app.vision.views.reconstruction import Reconstruction
 
 Document = dict[str, object]  # JSON
 

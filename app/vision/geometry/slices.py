@@ -68,12 +68,12 @@ def stack_of_slices(slices: Sequence[Slice]) -> ClosedShape:
     Where carving took a slice out, a stack ends and another one begins above the gap.
     """
     stacks: list[list[Slice]] = []
-    for each in sorted(slices, key=lambda each: each.low_mm):
-        if not stacks or each.low_mm > stacks[-1][-1].high_mm + SAME_MM:
+    for layer in sorted(slices, key=lambda layer: layer.low_mm):
+        if not stacks or layer.low_mm > stacks[-1][-1].high_mm + SAME_MM:
             stacks.append([])
-        stacks[-1].append(each)
+        stacks[-1].append(layer)
     shapes = [
-        _closed([ring for each in stack for ring in (_ring(each, 0), _ring(each, 1))])
+        _closed([ring for layer in stack for ring in (_ring(layer, 0), _ring(layer, 1))])
         for stack in stacks
     ]
     starts = np.cumsum([0, *(len(shape.vertices_mm) for shape in shapes)])
@@ -107,18 +107,18 @@ def turned(
     return shape
 
 
-def _ring(each: Slice, end: int) -> Float64Array:
+def _ring(layer: Slice, end: int) -> Float64Array:
     """(CORNERS, 3) of an ellipse at the slice's lower (0) or upper (1) end, at even directions about its centre."""
     direction = np.arange(CORNERS) * (2 * np.pi / CORNERS)
-    along, across = np.cos(direction - each.heading), np.sin(direction - each.heading)
-    long, short = each.half_axes_mm
+    along, across = np.cos(direction - layer.heading), np.sin(direction - layer.heading)
+    long, short = layer.half_axes_mm
     radius = 1.0 / np.hypot(along / long, across / short)
     offsets = radius[:, None] * np.column_stack([np.cos(direction), np.sin(direction)])
     after = np.roll(offsets, -1, axis=0)
     area = 0.5 * float((offsets[:, 0] * after[:, 1] - offsets[:, 1] * after[:, 0]).sum())
-    offsets *= np.sqrt(each.area_mm2 / area)  # so that the corners enclose what the ellipse does
-    z = each.high_mm if end else each.low_mm
-    return np.column_stack([each.centre_mm + offsets, np.full(CORNERS, z)])
+    offsets *= np.sqrt(layer.area_mm2 / area)  # so that the corners enclose what the ellipse does
+    z = layer.high_mm if end else layer.low_mm
+    return np.column_stack([layer.centre_mm + offsets, np.full(CORNERS, z)])
 
 
 def _circle(centre_mm: Float64Array, radius_mm: float, z: float) -> Float64Array:
@@ -129,16 +129,16 @@ def _closed(rings: Sequence[Float64Array]) -> ClosedShape:
     """Rings joined one to the next, the first and the last closed by a fan about their middle."""
     count = len(rings)
     vertices = np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]])
-    own = np.arange(CORNERS)
-    following = (own + 1) % CORNERS
+    corners = np.arange(CORNERS)
+    following = (corners + 1) % CORNERS
     low = (np.arange(count - 1) * CORNERS)[:, None]
-    a, b = (low + own).ravel(), (low + following).ravel()
+    a, b = (low + corners).ravel(), (low + following).ravel()
     sides: IntArray = np.concatenate(
         [np.column_stack([a, b, b + CORNERS]), np.column_stack([a, b + CORNERS, a + CORNERS])]
     )
     top, bottom, roof = (count - 1) * CORNERS, count * CORNERS, count * CORNERS + 1
     fans = [
-        np.column_stack([following, own, np.full(CORNERS, bottom)]),
-        np.column_stack([top + own, top + following, np.full(CORNERS, roof)]),
+        np.column_stack([following, corners, np.full(CORNERS, bottom)]),
+        np.column_stack([top + corners, top + following, np.full(CORNERS, roof)]),
     ]
     return ClosedShape(vertices, np.concatenate([sides, *fans]).astype(np.int64))

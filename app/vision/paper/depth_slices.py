@@ -14,8 +14,8 @@ import numpy as np
 from app.core.errors import Failure
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import SLICES, Slice, stack_of_slices
-from app.vision.model import Float64Array, Hint, SliceForm
-from app.vision.paper.printed_stereo import PrintedStereo
+from app.vision.model import EstimateOptions, Float64Array, Hint, SliceForm
+from app.vision.paper.printed_stereo import PrintedStereo, reconstruct_as_printed
 from app.vision.paper.slices import CELLS_ACROSS, CLOSING_CELLS, filled
 from app.vision.paper.symmetry import SymmetryAxis
 from app.vision.paper.volume import HIDDEN_SD, MIN_POINTS, MIN_SLICES
@@ -29,6 +29,9 @@ from app.vision.solids.measured_item import (
     without_clutter,
 )
 from app.vision.solids.sections import cut_sections
+from app.vision.views.features import Matches
+from app.vision.views.rectification import RectifiedPair
+from app.vision.views.relative_pose import RefinedViews
 
 STRAY_SHARE = 0.001  # of a food's points at either end of its depth: half an ellipsoid loses 5 % of its depth by it
 MIN_BOUNDARY = 5  # points, of which an ellipse has as many unknowns
@@ -39,9 +42,31 @@ TOWARDS_CAMERA = np.array(
 
 
 def measure_as_printed(
+    regions: Sequence[Region],
+    views: RefinedViews,
+    matches: Matches | None,
+    pair: RectifiedPair,
+    options: EstimateOptions,
+) -> tuple[list[MeasuredItem] | Failure, PrintedStereo | None]:
+    """Volumes by the founding paper to the letter, in the regions' order, and the stereo that they come from.
+
+    Of what stands above, the foods' masks alone take part. Failures: "food_not_measured" if no food can be measured,
+    and those of the stereo, which is None then.
+    """
+    if matches is None or views.first.marker is None:
+        raise ValueError(
+            "The method paper-strict takes its tie points from a marker, not from a rig."
+        )
+    masks, rng = [region.mask for region in regions], np.random.default_rng(options.seed)
+    stereo = reconstruct_as_printed(views, matches, pair, masks, rng)
+    if isinstance(stereo, Failure):
+        return stereo, None
+    return _measure_surfaces(regions, stereo, options.hints), stereo
+
+
+def _measure_surfaces(
     regions: Sequence[Region], stereo: PrintedStereo, hints: Sequence[Hint]
 ) -> list[MeasuredItem] | Failure:
-    """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if none can."""
     measured: list[MeasuredItem | None] = []
     for region, mask, surface in zip(regions, stereo.masks, stereo.surfaces, strict=True):
         points = stereo.points_mm[surface].astype(np.float64)
@@ -51,10 +76,12 @@ def measure_as_printed(
             measured.append(None)
             continue
         depth_sd = _depth_sd(stereo, float(np.median(stereo.disparity_px[surface])))
-        seen = stereo.to_table(points)
-        volume, support_mm = _volume(slices, middle_mm, form or "ellipse", stereo, seen, depth_sd)
+        points_table = stereo.to_table(points)
+        volume, support_mm = _volume(
+            slices, middle_mm, form or "ellipse", stereo, points_table, depth_sd
+        )
         flags = ("low_texture",) if is_low_texture(surface, mask) else ()
-        measured.append(MeasuredItem(region, seen, support_mm, volume, flags))
+        measured.append(MeasuredItem(region, points_table, support_mm, volume, flags))
     return without_clutter(measured)
 
 
@@ -74,11 +101,11 @@ def cut_depth_slices(points_mm: Float64Array, form: SliceForm) -> tuple[list[Sli
     extent = np.ptp(np.quantile(turned[:, :2], [STRAY_SHARE, 1 - STRAY_SHARE], axis=0), axis=0)
     cell = max(float(extent.max()) / CELLS_ACROSS, 0.05)
     slices = []
-    for each in range(SLICES):
+    for index in range(SLICES):
         # A slice's ring has its hole where nearer slices have their points: with these, a ring that noise has broken
         # is filled as well.
         fitted = _fit_slice(
-            turned[number >= each, :2], (each * thickness, (each + 1) * thickness), cell, form
+            turned[number >= index, :2], (index * thickness, (index + 1) * thickness), cell, form
         )
         if fitted is not None:
             slices.append(fitted)
@@ -134,8 +161,8 @@ def _fit_circle(boundary: Float64Array) -> tuple[Float64Array, float]:
     return middle + np.array([a, b]), float(np.sqrt(rest + a**2 + b**2))
 
 
-def _mirrored(each: Slice) -> Slice:
-    return replace(each, low_mm=-each.high_mm, high_mm=-each.low_mm, source="mirrored")
+def _mirrored(layer: Slice) -> Slice:
+    return replace(layer, low_mm=-layer.high_mm, high_mm=-layer.low_mm, source="mirrored")
 
 
 def _depth_sd(stereo: PrintedStereo, disparity_px: float) -> float:
@@ -159,12 +186,14 @@ def _volume(
     The paper gives no interval: this one is of the causes that are known here. The volume's own slices, which pictures
     show, are horizontal sections of the shape, as of any other method.
     """
-    shape = stack_of_slices([*slices, *(_mirrored(each) for each in slices)])
+    shape = stack_of_slices([*slices, *(_mirrored(layer) for layer in slices)])
     vertices = stereo.to_table((shape.vertices_mm - [0.0, 0.0, middle_mm]) * TOWARDS_CAMERA)
     support_mm = float(vertices[:, 2].min())
-    volume_ml = 2 * sum(each.volume_ml for each in slices)
+    volume_ml = 2 * sum(layer.volume_ml for layer in slices)
     residual = float(
-        np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices])
+        np.average(
+            [layer.residual for layer in slices], weights=[layer.area_mm2 for layer in slices]
+        )
     )
     pair_sd = float(np.hypot(3 * SCALE_SD, depth_sd))
     item_sd = float(np.hypot(residual, HIDDEN_SD * HIDDEN_SHARE))

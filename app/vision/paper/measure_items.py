@@ -10,12 +10,12 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, inward_px
-from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
+from app.vision.model import Float64Array, Hint, MaskArray, SliceForm
 from app.vision.paper.volume import estimate_volume
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import support_height_mm
 from app.vision.solids.measured_item import MeasuredItem, is_low_texture, without_clutter
-from app.vision.views.disparity import DisparityMap
+from app.vision.views.reconstruction import Reconstruction
 from app.vision.views.rectification import RectifiedPair
 
 # of half a fine window: it follows the surface, and shows the outline's points best
@@ -25,60 +25,42 @@ OUTLINE_MARGIN_PX = 2  # by which a mask may be too small
 
 
 def measure_items(
-    regions: Sequence[Region],
-    pair: RectifiedPair,
-    disparity: DisparityMap,
-    points_table: Float32Array,
-    ignored: MaskArray,
-    hints: Sequence[Hint],
-    *,
-    pose_sd: float,
+    regions: Sequence[Region], scene: Reconstruction, hints: Sequence[Hint], *, pose_sd: float
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
-    ignored: (H, W) the sheet and what is not seen. pose_sd: see volume.estimate_volume.
+    pose_sd: see volume.estimate_volume.
     """
     foods = np.any([region.mask for region in regions], axis=0)
-    return without_clutter(
-        [
-            _measure(
-                region,
-                pair,
-                disparity,
-                points_table,
-                ignored | (foods & ~region.mask),
-                hints,
-                pose_sd,
-            )
-            for region in regions
-        ]
-    )
+    measured = []
+    for region in regions:
+        elsewhere = scene.is_ignored | (foods & ~region.mask)
+        form = hints[region.hint].slice_form if region.hint is not None else None
+        measured.append(_measure(region, scene, elsewhere, form, pose_sd))
+    return without_clutter(measured)
 
 
 def _measure(
     region: Region,
-    pair: RectifiedPair,
-    disparity: DisparityMap,
-    points_table: Float32Array,
-    others: MaskArray,
-    hints: Sequence[Hint],
+    scene: Reconstruction,
+    elsewhere: MaskArray,
+    form: SliceForm | None,
     pose_sd: float,
 ) -> MeasuredItem | None:
+    """Measure one food. elsewhere: (H, W) the sheet, what is not seen, and the other foods."""
+    points_table, reach_px = scene.points_table, scene.disparity.reach_px
     is_measured = np.isfinite(points_table[..., 2])
     # Near the outline a window may have matched what lies behind; the larger the window, the further in.
-    reach = (
-        np.where(disparity.reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * disparity.reach_px
-    )
+    reach = np.where(reach_px < FINEST_REACH_PX, FINE_REACH_SHARE, 1.0) * reach_px
     depth_px = inward_px(region.mask)
     points = points_table[is_measured & (depth_px > reach)].astype(np.float64)
-    support = support_height_mm(points_table, region.mask, others)
-    form = hints[region.hint].slice_form if region.hint is not None else None
+    support = support_height_mm(points_table, region.mask, elsewhere)
     volume = estimate_volume(
         points,
         support or 0.0,
         form,
-        pair.first_centre_mm,
-        outline_test(pair, region.mask),
+        scene.rectified.first_centre_mm,
+        outline_test(scene.rectified, region.mask),
         pose_sd=pose_sd,
     )
     if volume is None:

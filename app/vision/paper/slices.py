@@ -38,22 +38,23 @@ def cut_slices(
     chosen = outline(points_mm, thickness_mm, axis.centre_mm, towards_camera)
     index = slice_index(points_mm[chosen, 2], thickness_mm)
     top = int(slice_index(points_mm[:, 2], thickness_mm).max(initial=-1))
-    seen: dict[int, Slice] = {}
+    fitted: dict[int, Slice] = {}
     for number in range(top + 1):
         ring = points_mm[chosen[index == number], :2]
         share = len(ring) / SECTORS
         if share < MIN_SHARE:
             continue
         place = (number * thickness_mm, (number + 1) * thickness_mm)
-        seen[number] = (
+        fitted[number] = (
             _fit_form(ring, place, axis, form)
             if share >= MIN_FREE_SHARE
             else _scale(ring, place, axis)
         )
-    if not seen:
+    if not fitted:
         return []
     return [
-        seen.get(number) or _unseen(number, thickness_mm, seen) for number in range(max(seen) + 1)
+        fitted.get(number) or _unseen(number, thickness_mm, fitted)
+        for number in range(max(fitted) + 1)
     ]
 
 
@@ -100,22 +101,22 @@ def carve(
     ).reshape(-1, 2)
     unit = unit[np.hypot(*unit.T) < 1]
     cells = []
-    for each in slices:
-        cosine, sine = np.cos(each.heading), np.sin(each.heading)
+    for layer in slices:
+        cosine, sine = np.cos(layer.heading), np.sin(layer.heading)
         turn = np.array([[cosine, sine], [-sine, cosine]])
-        xy = (unit * each.half_axes_mm) @ turn + each.centre_mm
-        cells.append(np.column_stack([xy, np.full(len(xy), (each.low_mm + each.high_mm) / 2)]))
+        xy = (unit * layer.half_axes_mm) @ turn + layer.centre_mm
+        cells.append(np.column_stack([xy, np.full(len(xy), (layer.low_mm + layer.high_mm) / 2)]))
     inside = is_in_outline(np.concatenate(cells)).reshape(len(slices), -1)
     carved = []
-    for each, kept, points in zip(slices, inside, cells, strict=True):
-        share = float(kept.mean())
+    for layer, is_inside, points in zip(slices, inside, cells, strict=True):
+        share = float(is_inside.mean())
         if share == 1.0:
-            carved.append(each)
+            carved.append(layer)
         elif share > 0.0:
             root = float(np.sqrt(share))
-            half_axes = (each.half_axes_mm[0] * root, each.half_axes_mm[1] * root)
+            half_axes = (layer.half_axes_mm[0] * root, layer.half_axes_mm[1] * root)
             carved.append(
-                replace(each, half_axes_mm=half_axes, centre_mm=points[kept, :2].mean(axis=0))
+                replace(layer, half_axes_mm=half_axes, centre_mm=points[is_inside, :2].mean(axis=0))
             )
     return carved
 
@@ -169,20 +170,22 @@ def _scale(ring: Float64Array, place: tuple[float, float], axis: SymmetryAxis) -
     return Slice(*place, axis.centre_mm, half_axes, axis.heading, residual, "scaled")
 
 
-def _unseen(number: int, thickness_mm: float, seen: dict[int, Slice]) -> Slice:
+def _unseen(number: int, thickness_mm: float, fitted: dict[int, Slice]) -> Slice:
     """A slice in the shadow of the food's own belly or in a gap.
 
     Below the lowest slice seen: the mirror image, about the height where the food is widest, of a slice above, as
     symmetry has it for fruit; drawn out downwards where the lower part is the longer one, since a food ends at its
     support. Where nothing seen is wider than the lowest slice, that one is continued down. In a gap: the nearest slice.
     """
-    lowest, top = min(seen), max(seen)
+    lowest, top = min(fitted), max(fitted)
     source: Source = "continued"
-    chosen = min(seen, key=lambda k: (abs(k - number), k))
-    greatest = max(each.area_mm2 for each in seen.values())
-    widest = float(np.mean([k for k in seen if seen[k].area_mm2 >= WIDEST_SHARE * greatest])) + 0.5
+    chosen = min(fitted, key=lambda k: (abs(k - number), k))
+    greatest = max(layer.area_mm2 for layer in fitted.values())
+    widest = (
+        float(np.mean([k for k in fitted if fitted[k].area_mm2 >= WIDEST_SHARE * greatest])) + 0.5
+    )
     if number < lowest < widest - 1:
         opposite = widest + (widest - number - 0.5) * min(1.0, (top + 1 - widest) / widest) - 0.5
-        chosen, source = min(seen, key=lambda k: (abs(k - opposite), k)), "mirrored"
+        chosen, source = min(fitted, key=lambda k: (abs(k - opposite), k)), "mirrored"
     low_mm, high_mm = number * thickness_mm, (number + 1) * thickness_mm
-    return replace(seen[chosen], low_mm=low_mm, high_mm=high_mm, source=source)
+    return replace(fitted[chosen], low_mm=low_mm, high_mm=high_mm, source=source)

@@ -143,9 +143,11 @@ def outline(
     above = np.zeros(SECTORS)  # the outline's greatest radius above, sector by sector
     is_outline = np.ones(len(picks), np.bool_)
     for place in np.argsort(-key[picks], kind="stable"):
-        own = radius[picks[place]]
-        is_outline[place] = not away[place] or own >= HOLLOW_SHARE * above[sector[picks[place]]]
-        above[sector[picks[place]]] = max(above[sector[picks[place]]], own)
+        outer_mm = radius[picks[place]]
+        is_outline[place] = (
+            not away[place] or outer_mm >= HOLLOW_SHARE * above[sector[picks[place]]]
+        )
+        above[sector[picks[place]]] = max(above[sector[picks[place]]], outer_mm)
     return np.asarray(picks[is_outline], np.int64)
 
 

@@ -60,7 +60,7 @@ def estimate_volume(
         )
     if len(slices) < MIN_SLICES:
         return None
-    volume_ml = sum(each.volume_ml for each in slices)
+    volume_ml = sum(layer.volume_ml for layer in slices)
     relative_sd = {
         "pair": float(np.hypot(3 * SCALE_SD, pose_sd)),
         "item": _item_sd(slices, volume_ml),
@@ -79,10 +79,14 @@ def estimate_volume(
 
 
 def _item_sd(slices: list[Slice], volume_ml: float) -> float:
-    hidden_ml = sum(each.volume_ml for each in slices if each.source in ("mirrored", "continued"))
+    hidden_ml = sum(
+        layer.volume_ml for layer in slices if layer.source in ("mirrored", "continued")
+    )
     # A radius' relative error counts twice in an area. Half of it is the form's misfit, whose area is kept.
     residual = float(
-        np.average([each.residual for each in slices], weights=[each.area_mm2 for each in slices])
+        np.average(
+            [layer.residual for layer in slices], weights=[layer.area_mm2 for layer in slices]
+        )
     )
     foot_ml = ml_from_mm3(slices[0].area_mm2 * SUPPORT_SD_MM)
     return float(

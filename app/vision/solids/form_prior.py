@@ -10,7 +10,17 @@ from typing import cast
 
 import numpy as np
 
-from app.vision.model import FoodForm, Hint
+from app.vision.looks.vcm import describe_rings
+from app.vision.model import (
+    ColourCorrection,
+    EstimateOptions,
+    Float32Array,
+    FoodForm,
+    Hint,
+    Photo,
+)
+from app.vision.scene.segmentation import Foods
+from app.vision.solids.outlines import rings_of
 
 # A food that lies is also called whole. What a liquid or a vessel's content looks like says nothing of these families.
 FAMILIES_OF_FORM: Mapping[FoodForm, frozenset[str]] = {
@@ -67,13 +77,13 @@ class LikelyForms:
         It sums the probability of the family's own form, a small share of the other forms' probability, and a third of
         what no candidate accounts for.
         """
-        own = sum(
+        of_family = sum(
             self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form]
         )
         candidates = sum(self.probabilities.get(form, 0.0) for form in FORMS)
         unknown, other_forms = max(1.0 - candidates, 0.0), len(FORMS) - 1
-        of_others = (candidates - own) / (SINGLE_TABLE_ODDS * other_forms)
-        return own * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + of_others + unknown / len(FORMS)
+        of_others = (candidates - of_family) / (SINGLE_TABLE_ODDS * other_forms)
+        return of_family * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + of_others + unknown / len(FORMS)
 
 
 def form_prior(hint: Hint | None) -> FormPrior | None:
@@ -87,3 +97,30 @@ def form_prior(hint: Hint | None) -> FormPrior | None:
     return FormPrior(
         FAMILIES_OF_FORM[form], PERSON_ODDS if stated_form else TABLE_ODDS, stated_form is not None
     )
+
+
+def likely_forms(
+    foods: Foods,
+    photo: Photo,
+    places: Float32Array,
+    colour: ColourCorrection,
+    options: EstimateOptions,
+) -> list[LikelyForms | None]:
+    """The forms that each region may have by its looks in a single view, where its outline hardly tells.
+
+    None where a hint tells, or nothing can be described. places: (H, W, 2) px, see outlines.photograph_px.
+    """
+    if options.forms_by_looks is None:
+        return []
+    likely: list[LikelyForms | None] = []
+    for region in foods.regions:
+        vector = None
+        hint = options.hints[region.hint] if region.hint is not None else None
+        if form_prior(hint) is None:
+            rings = rings_of(region.mask, places, is_swapped=False)
+            vector = describe_rings(photo.pixels_bgr, rings, colour)
+        if vector is None:
+            likely.append(None)
+        else:
+            likely.append(LikelyForms(options.forms_by_looks(vector.astype(np.float64))))
+    return likely

@@ -9,7 +9,9 @@ import numpy as np
 
 from app.vision.board.pose import bent_points
 from app.vision.board.print_layout import common_points
-from app.vision.model import Float32Array, Float64Array
+from app.vision.geometry.topview import usable_points
+from app.vision.model import Float32Array, Float64Array, MaskArray
+from app.vision.views.disparity import DisparityMap
 from app.vision.views.rectification import RectifiedPair, to_rectified_px
 from app.vision.views.relative_pose import RefinedViews
 
@@ -26,6 +28,30 @@ class DepthModel:
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.float32(self.p_mm) + np.float32(self.q_mm_px) / disparity_px
             return np.where(disparity_px > 0, depth, np.float32(np.nan))
+
+
+@dataclass(frozen=True, slots=True)
+class Reconstruction:
+    """The rectified pair with its points.
+
+    points_table: (H, W, 3) mm, in the views' table frame.
+    is_ignored: (H, W) the marker, and what one view misses.
+    depths: the photographs' depth maps on the pair's grid, in its scale.
+    flags: of every item.
+    """
+
+    rectified: RectifiedPair
+    disparity: DisparityMap
+    depth: DepthModel
+    points_table: Float32Array
+    is_ignored: MaskArray
+    depths: tuple[DisparityMap, ...] = ()
+    flags: tuple[str, ...] = ()
+
+    def table_points(self) -> Float32Array:
+        """(n, 3) mm, measured beside the marker; every second pixel each way."""
+        points, ignored = self.points_table[::2, ::2], self.is_ignored[::2, ::2]
+        return points[usable_points(points, ignored)]
 
 
 def fit_depth_model(disparity_px: Float64Array, depth_mm: Float64Array) -> DepthModel:

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from app.vision.fallbacks import MARKER_UNSEEN
 from app.vision.model import DepthMap, EstimateOptions, PhotoPair
-from app.vision.pipeline import MARKER_UNSEEN, estimate_meal
+from app.vision.pipeline import estimate_meal
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, covered, on_plain_table, true_depth
 
 OPTIONS = EstimateOptions(SPEC, CAMERA)

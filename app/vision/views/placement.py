@@ -1,10 +1,10 @@
 """The beginning of a run: its views over the table in mm, from the source that gives the scene its scale.
 
 Photographs and options -> Placement. There are four sources, each with one function here: the marker, a calibrated rig,
-the poses of a phone's tracking, and the left photograph's depth map. place_views chooses between them.
+the poses of a phone's tracking, and the left photograph's depth map. fallbacks.py chooses between them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,13 +26,12 @@ from app.vision.model import (
     View,
 )
 from app.vision.rig import StereoRig
-from app.vision.trace import Reconstruction, Scale, Trace
 from app.vision.views.depth_parallax import place_by_depth
 from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
 from app.vision.views.pose_doubt import volume_doubt
-from app.vision.views.reconstruction import plane_points
+from app.vision.views.reconstruction import Reconstruction, plane_points
 from app.vision.views.rectification import is_swapped
 from app.vision.views.relative_pose import RefinedViews, refine_views
 from app.vision.views.rig_pose import (
@@ -43,6 +42,7 @@ from app.vision.views.rig_pose import (
 )
 from app.vision.views.single_view import SingleView, place_alone, single_volume_sd
 from app.vision.views.stillness import judge_heights, judge_matches, judge_missing, poses_mismatch
+from app.vision.views.views_trace import Scale, ViewsTrace
 
 SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "marker": (),
@@ -51,9 +51,6 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "depth": ("scale_from_depth",),
 }
 MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
-# Without these the other source may give the scale, or the left photograph is measured alone. Of another board or a
-# poor photograph, the photographer should hear.
-MARKER_UNSEEN = frozenset({"marker_not_found", "marker_covered"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,32 +65,6 @@ class Placement:
     def marker(self) -> MarkerObservation | None:
         """The marker in the first view; None if the scale comes from elsewhere."""
         return self.views.first.marker
-
-
-def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Placement | Failure:
-    """Return the views by the rig, the marker, the poses or the depth map, whichever the options name first.
-
-    A metric depth map also gives the scale where the marker is not seen. Raises ValueError for options without any.
-    """
-    depth = pair.left.depth
-    if options.rig is not None:
-        return _by_rig(pair, options.rig, options, trace)
-    if options.marker is not None:
-        placed = _by_marker(pair, options.marker, options, trace)
-        is_unseen = isinstance(placed, Failure) and placed.code in MARKER_UNSEEN
-        if depth is None or depth.is_relative or options.method != "shape" or not is_unseen:
-            return placed
-    elif options.poses is not None and pair.right is not None:
-        return _by_poses(pair, options.poses, options, trace)
-    if depth is None:
-        raise ValueError("Options need a marker or a rig: one of them gives the scale.")
-    if depth.is_relative:
-        return Failure(
-            "scale_missing",
-            "The depth map inside the photograph's file is only relative, and nothing else gives the scale.",
-            "Place the marker beside the plate, or send both photographs.",
-        )
-    return _by_depth(pair.left, depth, options, trace)
 
 
 def doubt_volumes(
@@ -118,15 +89,21 @@ def doubt_volumes(
     return doubt.sd, flags
 
 
-def _by_marker(
-    pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace
+def views_by_marker(
+    pair: PhotoPair,
+    marker: MarkerSpec,
+    options: EstimateOptions,
+    trace: ViewsTrace,
+    *,
+    left_alone_after: Collection[str],
 ) -> Placement | Failure:
     """Poses by the marker, of two views refined by matches unless these show that something moved.
 
-    A plain scene without matches leaves the poses as the marker alone shows them.
+    A plain scene without matches leaves the poses as the marker alone shows them. left_alone_after: failures to find
+    the marker in the right photograph after which the left one is placed alone (decision 0030).
     """
     with trace.stage("marker"):
-        observations = _find_markers(pair, marker, options, trace)
+        observations = _find_markers(pair, marker, left_alone_after, trace)
     if isinstance(observations, Failure):
         return observations
     left, right = observations
@@ -164,8 +141,8 @@ def _by_marker(
     return Placement(refined, "marker", trace.focal)
 
 
-def _by_rig(
-    pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: Trace
+def views_by_rig(
+    pair: PhotoPair, rig: StereoRig, options: EstimateOptions, trace: ViewsTrace
 ) -> Placement | Failure:
     """The rig's views over the table that the scene shows, its relative pose adjusted by the matches.
 
@@ -194,8 +171,8 @@ def _by_rig(
     return Placement(refined, rig.source)
 
 
-def _by_poses(
-    pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: Trace
+def views_by_poses(
+    pair: PhotoPair, poses: KnownPoses, options: EstimateOptions, trace: ViewsTrace
 ) -> Placement | Failure:
     """By the rig that the pair's poses make. Failures also: focal_unknown (no intrinsics), camera_mismatch.
 
@@ -211,7 +188,7 @@ def _by_poses(
     (left_h, left_w), (right_h, right_w) = (photo.pixels_bgr.shape[:2] for photo in pair.both)
     orientations = (pair.both[0].orientation, pair.both[1].orientation)
     rig = rig_of_poses(poses, options.camera, ((left_w, left_h), (right_w, right_h)), orientations)
-    placed = rig if isinstance(rig, Failure) else _by_rig(pair, rig, options, trace)
+    placed = rig if isinstance(rig, Failure) else views_by_rig(pair, rig, options, trace)
     if isinstance(placed, Failure) or marker is None or trace.views is None:
         return placed
     alone = place_alone(pair.left, marker, options)
@@ -228,8 +205,8 @@ def _share_table(by_poses: View, by_marker: View) -> bool:
     return bool(is_level and abs(log_ratio) < MAX_OFF_SD * POSES_SHIFT_SD_SHARE)
 
 
-def _by_depth(
-    photo: Photo, depth: DepthMap, options: EstimateOptions, trace: Trace
+def views_by_depth(
+    photo: Photo, depth: DepthMap, options: EstimateOptions, trace: ViewsTrace
 ) -> Placement | Failure:
     """The left photograph's view over the table that its depth map shows; colours stay as with a rig."""
     trace.colours = UNCORRECTED, UNCORRECTED
@@ -250,12 +227,9 @@ def _by_depth(
 
 
 def _find_markers(
-    pair: PhotoPair, marker: MarkerSpec, options: EstimateOptions, trace: Trace
+    pair: PhotoPair, marker: MarkerSpec, left_alone_after: Collection[str], trace: ViewsTrace
 ) -> tuple[MarkerObservation, MarkerObservation | None] | Failure:
-    """The marker in both photographs, or in the left one alone, which is then measured alone (decision 0030).
-
-    With the photographs' poses it is the right one's failure, after which the pipeline measures the pair by them.
-    """
+    """The marker in both photographs, or in the left one alone, see views_by_marker."""
     left = find_marker(pair.left, marker, "left")
     if isinstance(left, Failure):
         return left
@@ -263,12 +237,7 @@ def _find_markers(
     if pair.right is None or right is None or isinstance(right, Failure):
         trace.markers = (left, None)
         trace.colours = measure_colour(pair.left, left), UNCORRECTED
-        has_poses = (
-            options.poses is not None and pair.left.depth is None
-        )  # marker and depth map are better than poses
-        if isinstance(right, Failure) and (
-            right.code not in MARKER_UNSEEN or options.method != "shape" or has_poses
-        ):
+        if isinstance(right, Failure) and right.code not in left_alone_after:
             return right
         return left, None
     trace.markers = observations = agree_on_corners(pair, left, right)
@@ -276,7 +245,7 @@ def _find_markers(
     return observations
 
 
-def _in_order(views: tuple[View, View], trace: Trace) -> tuple[View, View]:
+def _in_order(views: tuple[View, View], trace: ViewsTrace) -> tuple[View, View]:
     """The left and the right view, (first, second) by where they stand."""
     trace.views, trace.is_swapped = views, is_swapped(*views)
     return (views[1], views[0]) if trace.is_swapped else views

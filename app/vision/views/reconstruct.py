@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.model import MarkerObservation, MaskArray, View
-from app.vision.trace import Reconstruction, Stages, Trace
+from app.core.errors import Failure
+from app.vision.model import EstimateOptions, MarkerObservation, MaskArray, Photo, View
+from app.vision.stages import Stages
 from app.vision.tuning import TUNING
 from app.vision.views.aligned_depth import depth_in_view
 from app.vision.views.depth_fusion import agree_with_table, fuse_depths
@@ -19,17 +20,48 @@ from app.vision.views.depth_parallax import parallax_of_depth, parallax_of_match
 from app.vision.views.disparity import DisparityMap, match_dense, unmatched
 from app.vision.views.features import shows_sheet
 from app.vision.views.marker_thickness import find_thickness, on_plaque
-from app.vision.views.other_views import second_pair
-from app.vision.views.reconstruction import back_project, fit_to_marker, ideal_depth, plane_points
+from app.vision.views.other_views import place_other_views, second_pair
+from app.vision.views.placement import Placement
+from app.vision.views.reconstruction import (
+    Reconstruction,
+    back_project,
+    fit_to_marker,
+    ideal_depth,
+    plane_points,
+)
 from app.vision.views.rectification import RectifiedPair, rectify_alone, rectify_by_poses
 from app.vision.views.relative_pose import RefinedViews
 from app.vision.views.single_view import SingleView
+from app.vision.views.stillness import judge_table
+from app.vision.views.views_trace import ViewsTrace
 
 TABLE_MM = 8.0  # over or under the marker's plane: where a pair's points tell how far the table is
 
 
-def reconstruct_over_table(
-    views: RefinedViews | SingleView, trace: Trace
+def reconstruct_scene(
+    placed: Placement, others: Sequence[Photo], options: EstimateOptions, trace: ViewsTrace
+) -> tuple[Placement, Reconstruction] | Failure:
+    """The scene of placed views, with all depth that the method uses; and the views in its table's frame.
+
+    others: further photographs. Failure "scene_moved".
+    """
+    views, scene = _over_table(placed.views, trace)
+    placed, trace.scene = replace(placed, views=views), scene
+    if placed.marker is not None:
+        if others and isinstance(views, RefinedViews):
+            with trace.stage("match"):
+                trace.others = place_other_views(others, views, options)
+        moved = judge_table(placed.marker.spec, plane_points(scene.rectified), scene.points_table)
+        if moved is not None:
+            return moved
+    if options.method == "shape" and isinstance(views, RefinedViews):
+        with trace.stage("depth"):
+            trace.scene = scene = _with_depths(scene, views, trace.others)
+    return placed, scene
+
+
+def _over_table(
+    views: RefinedViews | SingleView, trace: ViewsTrace
 ) -> tuple[RefinedViews | SingleView, Reconstruction]:
     """The scene, and the views in its table's frame, which lies deeper where a plaque turns out to carry the print."""
     scene = _reconstruct(views, trace.stage)
@@ -45,12 +77,10 @@ def reconstruct_over_table(
     return views, _reconstruct(views, trace.stage)
 
 
-def add_depths(
-    scene: Reconstruction, refined: RefinedViews | SingleView, others: Sequence[View]
+def _with_depths(
+    scene: Reconstruction, refined: RefinedViews, others: Sequence[View]
 ) -> Reconstruction:
-    """A pair's scene with its depth maps and the match of a further pair of views; a single view's as it is."""
-    if isinstance(refined, SingleView):
-        return scene
+    """A pair's scene with its depth maps and the match of a further pair of views."""
     pair, match = scene.rectified, scene.disparity
     is_table = np.abs(scene.points_table[..., 2]) < TABLE_MM
     # What a phone made of its own two lenses knows less than the pair does, and may be smoothed.
@@ -59,28 +89,36 @@ def add_depths(
         for view in (refined.first, refined.second)
         if view.photo.depth is not None and not view.photo.depth.is_aligned
     ]
-    agreed = [
-        agree_with_table(pair, each, match.parallax_px, is_table, has_tilt=True) for each in maps
+    levelled_maps = [
+        agree_with_table(pair, parallax, match.parallax_px, is_table, has_tilt=True)
+        for parallax in maps
     ]
-    flags = ("depth_ignored",) if any(each is None for each in agreed) else ()
-    matches: tuple[DisparityMap, ...] = ()
-    further_pair = second_pair(refined.first, refined.second, others)
-    if further_pair is not None:
-        own = rectify_by_poses(*further_pair)
-        further = match_dense(*own.both_bgr, own.parallax_range_px, own.is_seen)
-        shown = parallax_of_match(pair, own, further, TUNING.dense_sd_px)
-        further_agreed = agree_with_table(pair, shown, match.parallax_px, is_table, has_tilt=True)
-        matches = () if further_agreed is None else (further_agreed,)
-    measured = tuple(each for each in agreed if each is not None)
-    depths = (*measured, *matches)
+    agreed_maps = tuple(parallax for parallax in levelled_maps if parallax is not None)
+    flags = ("depth_ignored",) if len(agreed_maps) < len(maps) else ()
+    matches = _further_match(scene, second_pair(refined.first, refined.second, others), is_table)
+    depths = (*agreed_maps, *matches)
     if not depths:
         return replace(scene, flags=flags)
     fused = fuse_depths(pair, match, matches, TUNING.dense_sd_px, is_averaged=True)
-    fused = fuse_depths(pair, fused, measured, TUNING.dense_sd_px, is_averaged=False)
-    points = back_project(
-        pair, scene.depth.depth_mm(pair.disparity_from_parallax(fused.parallax_px))
-    )
+    fused = fuse_depths(pair, fused, agreed_maps, TUNING.dense_sd_px, is_averaged=False)
+    disparity_px = pair.disparity_from_parallax(fused.parallax_px)
+    points = back_project(pair, scene.depth.depth_mm(disparity_px))
     return replace(scene, disparity=fused, points_table=points, depths=depths, flags=flags)
+
+
+def _further_match(
+    scene: Reconstruction, further_views: tuple[View, View] | None, is_table: MaskArray
+) -> tuple[DisparityMap, ...]:
+    """The dense match of two further views on the pair's grid; none where its table is not the pair's."""
+    if further_views is None:
+        return ()
+    pair, further_pair = scene.rectified, rectify_by_poses(*further_views)
+    match = match_dense(
+        *further_pair.both_bgr, further_pair.parallax_range_px, further_pair.is_seen
+    )
+    on_grid = parallax_of_match(pair, further_pair, match, TUNING.dense_sd_px)
+    agreed = agree_with_table(pair, on_grid, scene.disparity.parallax_px, is_table, has_tilt=True)
+    return () if agreed is None else (agreed,)
 
 
 def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruction:
