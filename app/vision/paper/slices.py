@@ -1,6 +1,6 @@
 """A food's points as a stack of slices, a circle or an ellipse fitted to each (paper, section IV.F).
 
-Completed points, z up from the support -> slices with outline and area, bottom to top. Their sum is volume.py's.
+Completed points, z up from the support -> slices with outline and area, bottom to top. Their sum is measure_items.py's.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.paper.volume import estimate_volume
+from app.vision.paper.measure_items import estimate_volume
 from tests.unit.vision.clouds import CAMERA_MM, PLACE_MM, box, cylinder, ellipsoid
 
 # What half a turn and 32 slices leave on clouds with 0.3 mm of noise: no view shows the lower third of a ball, and
