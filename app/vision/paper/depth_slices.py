@@ -15,9 +15,9 @@ from app.core.errors import Failure
 from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import SLICES, Slice, stack_of_slices
 from app.vision.model import EstimateOptions, Float64Array, Hint, SliceForm
+from app.vision.paper.cut_slices import CELLS_ACROSS, CLOSING_CELLS, filled
 from app.vision.paper.measure_items import HIDDEN_SD, MIN_POINTS, MIN_SLICES
 from app.vision.paper.printed_stereo import PrintedStereo, reconstruct_as_printed
-from app.vision.paper.slices import CELLS_ACROSS, CLOSING_CELLS, filled
 from app.vision.paper.symmetry import SymmetryAxis
 from app.vision.scene.segmentation import Region
 from app.vision.solids.measured_item import (

@@ -12,7 +12,7 @@ from app.core.units import ml_from_mm3
 from app.vision.geometry.masks import dilated, inward_px
 from app.vision.geometry.slices import Slice, slice_thickness_mm, stack_of_slices
 from app.vision.model import Float64Array, Hint, MaskArray, SliceForm
-from app.vision.paper.slices import carve, cut_slices
+from app.vision.paper.cut_slices import carve, cut_slices
 from app.vision.paper.symmetry import complete, fit_axis, main_body
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import support_height_mm

@@ -1,7 +1,7 @@
 import numpy as np
 
 from app.vision.geometry.slices import slice_thickness_mm
-from app.vision.paper.slices import carve, cut_slices
+from app.vision.paper.cut_slices import carve, cut_slices
 from app.vision.paper.symmetry import SymmetryAxis
 from tests.unit.vision.clouds import PLACE_MM
 
