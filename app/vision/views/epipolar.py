@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 from app.core.errors import Failure
 from app.vision.geometry.projective import cross_matrix, homogeneous
 from app.vision.model import Float64Array, View
-from app.vision.views.features import MIN_MATCHES, Matches, too_few_matches, undistort_to_pinhole
+from app.vision.views.features import (
+    ALIGNED_SIDE_PX,
+    MIN_MATCHES,
+    Matches,
+    too_few_matches,
+    undistort_to_pinhole,
+)
 
 DRAWN_MATCHES = 16  # paper, section IV.A
 DRAWS = 120  # of 16; with a third of wrong matches in the food some draw is free of them with certainty over 0.99
@@ -55,7 +61,9 @@ def compare_fundamentals(
     x = undistort_to_pinhole(first, matches.first_px)
     x_second = undistort_to_pinhole(second, matches.second_px)
     from_views = fundamental_from_projections(projection_matrix(first), projection_matrix(second))
-    limit = GOOD_PX_AT_12MP * max(first.camera.width, first.camera.height) / LONG_SIDE_12MP
+    # A photograph below the size where matches are aligned is no sharper than its pixels.
+    long_side = max(first.camera.width, first.camera.height, ALIGNED_SIDE_PX)
+    limit = GOOD_PX_AT_12MP * long_side / LONG_SIDE_12MP
     views_distances = symmetric_epipolar_distance_px(from_views, x, x_second)
     is_good = (views_distances < limit) | matches.is_board
     beside = np.flatnonzero(is_good & matches.is_food)

@@ -21,7 +21,7 @@ RING_MM = (0.0, 50.0)  # around the sheet: on the table, and seldom much of a pl
 AT_MARKER_MM = 8.0  # over or under its plane: a bent sheet, or one on a place mat
 # of what is measured in the ring; a plate's rim beside the sheet takes some of it
 MIN_SHARE_AT_MARKER = 0.4
-MIN_MEASURED = 500  # pixels of the ring
+MIN_SHARE_ELSEWHERE = 0.4  # of the ring: what stands beside a marker covers less of it
 MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
 MIN_JUDGED_MATCHES = 20
 UNDER_MM, UNDER_SD = (
@@ -118,8 +118,12 @@ def judge_table(
     x, y = (np.maximum(np.abs(plane_mm[..., axis]) - np.float32(half[axis]), 0) for axis in (0, 1))
     beyond = np.sqrt(x * x + y * y)
     height = points_table[..., 2]
-    around = height[(beyond > RING_MM[0]) & (beyond < RING_MM[1]) & np.isfinite(height)]
-    if len(around) < MIN_MEASURED or np.mean(np.abs(around) < AT_MARKER_MM) >= MIN_SHARE_AT_MARKER:
+    ring = height[(beyond > RING_MM[0]) & (beyond < RING_MM[1])]
+    around = ring[np.isfinite(ring)]
+    at_marker = np.count_nonzero(np.abs(around) < AT_MARKER_MM)
+    # On a plain table, only the foods beside the marker are measured: they are no table.
+    is_table_seen = len(around) - at_marker > MIN_SHARE_ELSEWHERE * len(ring)
+    if not is_table_seen or at_marker >= MIN_SHARE_AT_MARKER * len(around):
         return None
     middle = float(np.median(around))
     return _moved(

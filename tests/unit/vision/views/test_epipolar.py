@@ -10,7 +10,7 @@ from app.vision.views.epipolar import (
     projection_matrix,
     symmetric_epipolar_distance_px,
 )
-from app.vision.views.features import Matches
+from app.vision.views.features import ALIGNED_SIDE_PX, Matches
 from tests.unit.vision.stereo_scene import SPEC, blank_views
 
 
@@ -60,6 +60,15 @@ def test_wrong_matches_do_not_spoil_the_comparison():
     again, other = (compare_fundamentals(first, second, matches, np.random.default_rng(seed)).drawn for seed in (0, 5))
     assert np.array_equal(again, found.drawn)
     assert not np.array_equal(other, found.drawn)
+
+
+def test_a_small_photograph_is_no_sharper_than_its_pixels():
+    first, second = blank_views()
+    matches = matches_of(first, second)
+    off = matches.second_px + np.array([0.0, 1.4])
+    found = compare_fundamentals(first, second, replace(matches, second_px=off), np.random.default_rng(0))
+    assert max(first.camera.width, first.camera.height) < ALIGNED_SIDE_PX
+    assert found.is_good.all()
 
 
 def test_a_board_alone_gives_too_few_matches():

@@ -39,6 +39,12 @@ def test_table_at_the_marker_or_unseen_is_still_whatever_stands_beside_or_far_fr
     assert judge_table(SPEC, plane, points) is None
 
 
+def test_foods_beside_the_marker_on_a_plain_table_are_no_table_that_moved():
+    plane, points = table(np.nan)
+    points[..., 2][plane[..., 0] > 60.0] = 37.0
+    assert judge_table(SPEC, plane, points) is None
+
+
 @pytest.mark.parametrize(("height_mm", "word"), [(20.0, "20 mm over"), (-12.0, "12 mm under")])
 def test_table_over_or_under_the_marker_was_moved(height_mm, word):
     failure = judge_table(SPEC, *table(height_mm))
