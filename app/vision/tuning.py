@@ -56,8 +56,6 @@ class FormTuning:
     # forms nearest after these, which are fitted coarsely to the end; a family may begin twice
     kept_coarse: int = 5
     kept: int = 4  # families that are fitted finely
-    # of the best family's cost: one that fits so much worse coarsely is not fitted finely
-    kept_ratio: float = 2.0
     # of a family in the average: below it, a family is fitted no further
     least_weight: float = 1e-4
     max_passes: int = 3  # fine fits along the best form, at most
@@ -96,8 +94,6 @@ class SingleTuning:
     # of an outline: irregularities of a fiftieth of a food that spans 100 px
     outline_sd_px: float = 2.0
     kept: int = 9  # families that are fitted finely: one outline tells few of them apart
-    # of the best family's cost, within which others are fitted finely, too
-    kept_margin: float = 20.0
     rest_sd: float = 0.08  # relative, of a volume: what the side that nobody sees leaves out
     heap_rest_sd: float = 0.25  # the same of a heap, whose outline is nearly its foot's alone: it hardly shows a height
 

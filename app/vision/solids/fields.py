@@ -81,8 +81,10 @@ def outline_field(line: Outline) -> OutlineField:
 
 @dataclass(frozen=True, slots=True)
 class ParallaxField:
-    """Parallax in a window of the grid. value_px, sd_px: (h, w). known: (h, w) 1 where measured, 0 elsewhere.
+    """Parallax in a window of the grid, averaged over a few pixels; where less is known, over fewer.
 
+    known: (h, w) share of those pixels that is known. value_px, sd_px: (h, w) that share times the mean of what is
+    known, so that what is not known has no part in a place between the pixels.
     area_px: over which errors are one. known_px: area that could be measured. origin: (2,) x, y of the window's first
     pixel. is_measurement: the sd is of the measurement alone: what the food itself departs from its form comes on top.
     """
@@ -105,7 +107,9 @@ class ParallaxField:
             _between(picture, corners, shares)
             for picture in (self.value_px, self.sd_px, self.known)
         )
-        return value, sd, known * is_inside
+        least = np.maximum(known, 1e-6)
+        sd = np.maximum(sd / least, TUNING.least_sd_px)
+        return value / least, sd, np.minimum(2 * known, 1.0) * is_inside
 
 
 def parallax_field(
@@ -120,29 +124,24 @@ def parallax_field(
 ) -> ParallaxField | None:
     """The field of what is known of a map; None if nothing is. All (H, W); origin: x, y of their first pixel.
 
-    known_px: area that could be known, if not that which is. The field is averaged over a few pixels, over which its
-    errors are one, and reaches half as far beyond what is known.
+    known_px: area that could be known, if not that which is. The field's errors are one over the pixels of an average,
+    and it reaches half as far beyond what is known.
     """
     if not is_known.any():
         return None
     rows, columns = window_around(is_known, TUNING.averaged_px)
     is_known = is_known[rows, columns]
-    share = _averaged(is_known.astype(np.float32))
 
-    def mean(picture: Float32Array) -> Float32Array:
-        total = _averaged(np.where(is_known, picture[rows, columns], np.float32(0)))
-        return np.asarray(total / np.maximum(share, np.float32(1e-6)), np.float32)
+    def known_part(picture: Float32Array) -> Float32Array:
+        return _averaged(np.where(is_known, picture[rows, columns], np.float32(0)))
 
-    sd = np.maximum(mean(sd_px), np.float32(TUNING.least_sd_px))
-    place = origin[0] + columns.start, origin[1] + rows.start
-    known = np.minimum(2 * share, np.float32(1))
     return ParallaxField(
-        mean(parallax_px),
-        sd,
-        known,
+        known_part(parallax_px),
+        known_part(sd_px),
+        _averaged(is_known.astype(np.float32)),
         area_px,
         known_px or float(np.count_nonzero(is_known)),
-        place,
+        (origin[0] + columns.start, origin[1] + rows.start),
         is_measurement=is_measurement,
     )
 

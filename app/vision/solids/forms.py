@@ -157,7 +157,7 @@ class Form(ABC):
         """(p,) prior spread of the parameters, infinite for what has none; SUPPORT's is support_sd_mm."""
         spread = SPREAD.copy()
         if self.is_round:
-            spread[E2] = ROUND_EXPONENT_SD
+            spread[[E1, E2]] = ROUND_EXPONENT_SD
         return spread
 
     @property

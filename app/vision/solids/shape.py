@@ -40,7 +40,12 @@ from app.vision.solids.outline_snap import (
 from app.vision.solids.prism_starts import begin_prisms
 from app.vision.solids.seen import Seen
 from app.vision.solids.single_starts import single_view_forms
-from app.vision.solids.surface_match import average_along, draw_mask, measure_along
+from app.vision.solids.surface_match import (
+    average_along,
+    draw_mask,
+    fine_detail,
+    measure_along,
+)
 from app.vision.tuning import SINGLE_TUNING, TUNING
 from app.vision.views.disparity import DisparityMap
 from app.vision.views.pinhole_view import PinholeView
@@ -240,7 +245,7 @@ def _scene_of(
 ) -> _Scene:
     is_single = pair.second_bgr is None
     first_bgr, second_bgr = (pair.first_bgr, pair.first_bgr) if is_single else pair.both_bgr
-    grey = [grey_of(image).astype(np.float32) for image in (first_bgr, second_bgr)]
+    grey = [fine_detail(grey_of(image).astype(np.float32)) for image in (first_bgr, second_bgr)]
     lab = tuple(
         LabPicture(image)
         for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others))
@@ -274,15 +279,12 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     hinted_families = prior.families if prior is not None else ()
     plain = [replace(form, has_displacement=False) for form in forms]
     ranked = _coarse_fits(food, plain, hinted_families)
-    kept, margin = (
-        (SINGLE_TUNING.kept, SINGLE_TUNING.kept_margin) if food.is_single else (TUNING.kept, 0.0)
-    )
-    usable = [fit for fit in ranked if fit.cost < TUNING.kept_ratio * ranked[0].cost + margin]
-    rest = (ranked if food.is_single else usable)[min(kept, len(usable)) :]
-    of_form = [fit for fit in rest if fit.form.name in hinted_families]
+    kept = SINGLE_TUNING.kept if food.is_single else TUNING.kept
+    of_form = [fit for fit in ranked[kept:] if fit.form.name in hinted_families]
+    nearest = ranked[:kept] + of_form[:1]
     if food.is_single:
-        return _refitted(food.seen, usable[:kept] + of_form[:1])
-    return _settled(food, usable[:kept] + of_form[:1], hinted_families)
+        return _refitted(food.seen, nearest)
+    return _settled(food, nearest, hinted_families)
 
 
 def _coarse_fits(food: _Food, forms: Sequence[Form], hinted: Collection[str]) -> list[FormFit]:

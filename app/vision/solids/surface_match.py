@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.geometry.mesh import IntArray, Topology, faces_towards
+from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.tuning import TUNING
 from app.vision.views.disparity import DisparityMap
@@ -25,6 +26,7 @@ MIN_SHARE = 0.35  # of a window that must lie on the food
 MIN_VARIANCE = 0.05  # grey levels squared: below it is rounding
 MIN_NOISE = 0.15  # grey levels squared
 SUBPIXEL_BITS = 4
+DETAIL_PX = 14.0  # sd of the mean that detail is told from
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,19 +68,19 @@ def measure_along(
     window = (slice(top, top + height), slice(left, left + width))
     clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
     offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
-    return SurfaceParallax(surface + _evened(offset), sd, (left, top))
+    return SurfaceParallax(surface + _evened(offset, sd), sd, (left, top))
 
 
-def _evened(offset: Float32Array) -> Float32Array:
-    """The mean over a few pixels, which a window's error is common to, where there is a value."""
-    is_good = np.isfinite(offset)
+def _evened(offset: Float32Array, sd: Float32Array) -> Float32Array:
+    """The mean over a few pixels, which a window's error is common to, by precision, where there is a value."""
+    precision = np.nan_to_num(1 / (sd * sd))
     side = (TUNING.averaged_along_px, TUNING.averaged_along_px)
-    share, total = (
-        cv2.blur(each, side, borderType=cv2.BORDER_CONSTANT)
-        for each in (is_good.astype(np.float32), np.where(is_good, offset, np.float32(0)))
+    total, weight = (
+        cv2.blur(picture, side, borderType=cv2.BORDER_CONSTANT)
+        for picture in (np.nan_to_num(offset) * precision, precision)
     )
-    mean = total / np.maximum(share, np.float32(1e-6))
-    return np.where(is_good, mean, np.float32(np.nan)).astype(np.float32)
+    mean = total / np.maximum(weight, np.float32(1e-6))
+    return np.where(np.isfinite(offset), mean, np.float32(np.nan)).astype(np.float32)
 
 
 def average_along(
@@ -152,6 +154,11 @@ def draw_parallax(
     return out, (int(low[0]), int(low[1]))
 
 
+def fine_detail(grey: Float32Array) -> Float32Array:
+    """(H, W) grey levels less their mean around: gloss changes slowly over a food, and moves with the camera."""
+    return grey - blurred(grey, DETAIL_PX)
+
+
 def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
     """The mask less CLEAR_PX above and below, and across_px along the rows, which are searched."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * across_px + 1, 2 * CLEAR_PX + 1))
@@ -181,8 +188,8 @@ def _correlate(
 ) -> tuple[Float32Array, Float32Array]:
     """(h, w) by how much the parallax differs from the surface's, and its sd, by masked NCC and a parabola.
 
-    The sd is what noise of the size that the correlation shows makes of the place of a peak so sharp. masks: of the
-    first view's window and of the whole second view.
+    The sd is what noise of the size that the correlation shows makes of the place of the peak. masks: of the first
+    view's window and of the whole second view.
     """
     height, width = surface.shape
     rows, columns = (
@@ -220,9 +227,11 @@ def _correlate(
     )
     curvature = np.minimum(less - 2 * here + more, -1e-6)
     offset = peak - REACH_PX + np.clip(0.5 * (less - more) / curvature, -1, 1)
-    # How sharp the peak is tells of the gradients that both views share; those of noise alone make no peak.
-    noise = np.maximum((1 - np.clip(here, 0, 1)), MIN_NOISE / np.maximum(variance, MIN_VARIANCE))
-    sd = 2 * np.sqrt(noise / (share * -curvature))
+    # The peak is as sharp as the gradients along the rows are strong, less those of the noise itself.
+    noise = np.maximum((1 - np.clip(here, 0, 1)) * variance, MIN_NOISE)
+    gradient = np.gradient(first, axis=1).astype(np.float32)
+    sharpness = _sum(gradient * gradient * on_food) - share * noise / 2
+    sd = 2 * np.sqrt(noise / np.maximum(sharpness, np.float32(1e-6)))
     is_good = (
         (on_food > 0)
         & (best == peak)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from app.vision.geometry.mesh import faces_towards, sphere
-from app.vision.solids.surface_match import draw_mask, draw_parallax, measure_along
+from app.vision.solids.surface_match import draw_mask, draw_parallax, fine_detail, measure_along
 from app.vision.views.rectification import rectify_by_poses
 from app.vision.views.sight import Sight
 from tests.unit.vision.stereo_scene import Ball, blank_views, true_parallax
@@ -78,6 +78,28 @@ def test_parallax_off_the_surface_is_recovered(offset_px):
     assert abs(np.median(off[known])) < 0.05
     assert np.quantile(np.abs(off[known]), 0.9) < 0.15
     assert (sd[INNER][known] > 0).all()
+
+
+def test_gloss_that_moves_with_the_camera_does_not_draw_the_surface_to_its_mirror_image():
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    row, column = np.argwhere(MASK).mean(axis=0)
+    skin = textures(TRUTH, 0.0, contrast=2.0)
+    at = column, column - TRUTH[int(row), int(column)] + 3.0  # 3 px less parallax than the surface has
+    glossy = [
+        (view + 90.0 * np.exp(-((x - middle) ** 2 + (y - row) ** 2) / (2 * 20.0**2))).astype(np.float32)
+        for view, middle in zip(skin, at, strict=True)
+    ]
+    is_gloss = np.hypot(x - column, y - row) < 25.0
+    off = [(measured(views)[0] - TRUTH)[is_gloss] for views in (glossy, [fine_detail(view) for view in glossy])]
+    assert np.nanmedian(off[0]) < -0.4
+    assert abs(np.nanmedian(off[1])) < 0.5 * abs(np.nanmedian(off[0]))
+
+
+def test_noise_on_plain_skin_is_known_to_tell_nothing():
+    shade = np.linspace(100.0, 160.0, SHAPE[1], dtype=np.float32) * np.ones(SHAPE, np.float32)
+    noisy = [shade + np.random.default_rng(seed).normal(0, 6.0, SHAPE).astype(np.float32) for seed in (1, 2)]
+    _, sd = measured(noisy)
+    assert not (sd[INNER] < 1.0).mean() > 0.1
 
 
 def test_nothing_is_measured_outside_the_mask():
