@@ -21,6 +21,8 @@ class FormTuning:
     dense_area_px: float = 100.0  # area over which errors of the dense parallax are one
     least_sd_px: float = 1e-3  # of parallax
     averaged_px: int = 5  # side of the square over which any parallax is averaged
+    # sd of the mean that a food's detail is told from; chosen on development scenes
+    detail_px: float = 14.0
     averaged_along_px: int = 21  # the same of one measured along a form, about that form's
     roughness_mm: float = 1.0  # sd of a food's surface about its form: skin, crumb, leaves; the dense parallax's in mm
     roughness_run_mm: float = 5.0  # length over which it is one

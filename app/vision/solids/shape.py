@@ -265,7 +265,7 @@ def _without(line: Outline, hidden_by: MaskArray) -> Outline:
 def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     """Fits, those of the best evidence first: all families coarsely, the better ones finely.
 
-    Of the form that is known beforehand, the best one is among these unless it fits hopelessly.
+    Of the form that is known beforehand, the best one is among these.
     """
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, food.mask_mm2, food.support_mm, food.support_sd_mm, camera)

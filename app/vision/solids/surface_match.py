@@ -26,7 +26,6 @@ MIN_SHARE = 0.35  # of a window that must lie on the food
 MIN_VARIANCE = 0.05  # grey levels squared: below it is rounding
 MIN_NOISE = 0.15  # grey levels squared
 SUBPIXEL_BITS = 4
-DETAIL_PX = 14.0  # sd of the mean that detail is told from
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +155,7 @@ def draw_parallax(
 
 def fine_detail(grey: Float32Array) -> Float32Array:
     """(H, W) grey levels less their mean around: gloss changes slowly over a food, and moves with the camera."""
-    return grey - blurred(grey, DETAIL_PX)
+    return grey - blurred(grey, TUNING.detail_px)
 
 
 def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
