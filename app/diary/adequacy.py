@@ -21,8 +21,8 @@ from app.diary.day_definition import (
     DayKey,
     DaysOf,
     count_days,
+    days_of_study,
     group_by_day,
-    participants_of,
     sum_and_coverage,
     whole_amount,
 )
@@ -189,7 +189,7 @@ def judge_study(
     with database.read() as session:
         study = enter_study(session, caller, study_code)
         participants = _read_amounts(
-            session, DaysOf(participants_of(study.id), first_day, last_day), component.number
+            session, days_of_study(study.id, first_day, last_day), component.number
         )
     groups: dict[LifeStage, _Group] = {}
     persons_without_stage = 0

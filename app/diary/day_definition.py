@@ -79,15 +79,22 @@ def _microseconds_sqlite(
 
 
 class DaysOf(NamedTuple):
-    """Local days of participants, both ends included; None: no limit."""
+    """Local days of participants, both ends included; None: no limit.
+
+    study_id: the study whose participants all are chosen, if any
+    """
 
     participants: Collection[uuid.UUID] | sa.Select[uuid.UUID]
     first_day: date | None = None
     last_day: date | None = None
+    study_id: uuid.UUID | None = None
 
     def rows(self, table: DayTable) -> list[sa.ColumnElement[bool]]:
         """The conditions of a table's rows."""
         days = within(table.local_date, self.first_day, self.last_day)
+        if self.study_id is not None and table in (Meal, DiaryDay):
+            # by day, as the rows lie: quicker than by participant
+            return [table.study_id == self.study_id, *days]
         return [table.participant_id.in_(self.participants), *days]
 
 
@@ -103,24 +110,10 @@ class Amount(NamedTuple):
     coverage: float | None
 
 
-class EatenItems(NamedTuple):
-    """A day's records that hold.
-
-    amounts: value and coverage of each of HEADLINE_COLUMNS, in turn
-    """
-
-    items: int
-    unmeasured_items: int
-    provisional_items: int
-    consumed_g: float | None
-    amounts: Sequence[float | None]
-
-
 NO_ENTRY: tuple[DayStatus, bool] = ("open", False)
 NO_MEALS = (0, 0)
-NO_ITEMS = EatenItems(0, 0, 0, None, (None,) * (2 * len(HEADLINE_COLUMNS)))
+NO_ITEMS = (0, 0, 0, None, (None,) * (2 * len(HEADLINE_COLUMNS)))
 NOTHING = (0.0,) * len(HEADLINE_COLUMNS)
-UNKNOWN = (None,) * len(HEADLINE_COLUMNS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +123,11 @@ class CountedDay:
     status: closed if all that was eaten is recorded; open without a diary entry
     said_nothing: the entry says that nothing was eaten; it counts while the day has no meal
     unmeasured_meals: without a known food and not confirmed to be without one
+    items: the number of records that hold
+    unmeasured_items: those whose eaten grams are unknown
+    provisional_items: those that an after-meal pair may still change
+    eaten_g: sum over the items for which it is known; None if there are none
+    amounts: value and coverage of each of HEADLINE_COLUMNS, in turn
     """
 
     participant_id: uuid.UUID
@@ -138,27 +136,16 @@ class CountedDay:
     said_nothing: bool
     meals: int
     unmeasured_meals: int
-    eaten: EatenItems
+    items: int
+    unmeasured_items: int
+    provisional_items: int
+    eaten_g: float | None
+    amounts: Sequence[float | None]
 
     @property
     def is_closed(self) -> bool:
         """Whether all that was eaten is recorded."""
         return self.status == "closed"
-
-    @property
-    def items(self) -> int:
-        """The number of records that hold."""
-        return self.eaten.items
-
-    @property
-    def unmeasured_items(self) -> int:
-        """The number of records whose eaten grams are unknown."""
-        return self.eaten.unmeasured_items
-
-    @property
-    def provisional_items(self) -> int:
-        """The number of records that an after-meal pair may still change."""
-        return self.eaten.provisional_items
 
     @property
     def ate_nothing(self) -> bool:
@@ -187,7 +174,7 @@ class CountedDay:
         if self.is_nothing:
             return Amount(0.0, 1.0)
         place = 2 * PLACES[column]
-        value, coverage = self.eaten.amounts[place : place + 2]
+        value, coverage = self.amounts[place : place + 2]
         return Amount(value, coverage if self.unmeasured_meals == 0 else None)
 
     def whole_amount(self, column: str, least_coverage: float = FULL) -> float | None:
@@ -195,12 +182,10 @@ class CountedDay:
         return whole_amount(self, self.amount(column), least_coverage)
 
     def whole_amounts(self) -> Sequence[float | None]:
-        """`whole_amount` of each of HEADLINE_COLUMNS."""
+        """`whole_amount` of each of HEADLINE_COLUMNS, of a day that is complete."""
         if self.is_nothing:
             return NOTHING
-        if not self.is_complete:
-            return UNKNOWN
-        values, coverages = self.eaten.amounts[::2], self.eaten.amounts[1::2]
+        values, coverages = self.amounts[::2], self.amounts[1::2]
         return [
             value if coverage is not None and coverage >= FULL else None
             for value, coverage in zip(values, coverages, strict=True)
@@ -215,39 +200,33 @@ def whole_amount(day: CountedDay, amount: Amount, least_coverage: float) -> floa
     return amount.value if is_known and day.is_complete else None
 
 
-def median_seconds(delays: str) -> float | None:
-    """The median of microseconds in a text, in seconds; None if there are none."""
-    return statistics.median(int(delay) / 1e6 for delay in delays.split()) if delays else None
+def delay_seconds(delays: str) -> list[float]:
+    """The delays of `delays_text`, in seconds."""
+    return [int(delay) / 1e6 for delay in delays.split()]
 
 
-def participants_of(study_id: uuid.UUID) -> sa.Select[uuid.UUID]:
-    """Select the ids of a study's participants."""
-    return sa.select(Participant.id).where(Participant.study_id == study_id)
+def median_or_none(seconds: Sequence[float]) -> float | None:
+    """The median; None if there are none."""
+    return statistics.median(seconds) if seconds else None
+
+
+def days_of_study(study_id: uuid.UUID, first_day: date | None, last_day: date | None) -> DaysOf:
+    """Return the days of all participants of a study."""
+    participants = sa.select(Participant.id).where(Participant.study_id == study_id)
+    return DaysOf(participants, first_day, last_day, study_id)
 
 
 def count_days(session: Session, days: DaysOf) -> list[CountedDay]:
     """Return the days with a meal or a diary entry, by (local day, participant)."""
     entries = {(row[0], row[1]): row[2:] for row in session.execute(_entries(days))}
     meals = {(row[0], row[1]): row[2:] for row in session.execute(_meals(days))}
-    eaten: dict[tuple[date, str], EatenItems] = {}
-    for row in session.execute(_items(days)):
-        eaten[row[0], row[1]] = EatenItems(row[2], row[3], row[4], row[5], row[6:])
-    keys = sorted(entries.keys() | meals.keys())
+    items = {(row[0], row[1]): (*row[2:6], row[6:]) for row in session.execute(_items(days))}
+    keys = sorted(meals | entries)
     id_of = {participant: uuid.UUID(participant) for participant in {key[1] for key in keys}}
     counted = []
     for key in keys:
-        local_date, participant = key
-        status, said_nothing = entries.get(key, NO_ENTRY)
-        of_meals, unmeasured = meals.get(key, NO_MEALS)
-        day = CountedDay(
-            participant_id=id_of[participant],
-            local_date=local_date,
-            status=status,
-            said_nothing=said_nothing,
-            meals=of_meals,
-            unmeasured_meals=unmeasured,
-            eaten=eaten.get(key, NO_ITEMS),
-        )
+        entry, of_meals = entries.get(key, NO_ENTRY), meals.get(key, NO_MEALS)
+        day = CountedDay(id_of[key[1]], key[0], *entry, *of_meals, *items.get(key, NO_ITEMS))
         counted.append(day)
     return counted
 
@@ -270,7 +249,7 @@ def unseen_leftovers(session: Session, days: DaysOf) -> Mapping[DayKey, int]:
 
 def has_place() -> sa.ColumnElement[bool]:
     """Whether a meal's place is stored (it has a latitude)."""
-    latitude: sa.ColumnElement[float | None] = Meal.details["location"]["latitude"].as_float()
+    latitude: sa.ColumnElement[float | None] = Meal.details["location", "latitude"].as_float()
     return latitude.is_not(None)
 
 
@@ -366,12 +345,12 @@ def sum_and_coverage(amount: Grams) -> tuple[AnyColumn, AnyColumn]:
     )  # literals, since the same sums are then taken once
     weight = sa.case((consumed_g > zero, billionths(consumed_g)), else_=zero)
     whole = sa.func.sum(weight)
-    unknown = sa.func.sum(sa.case((amount.is_(None), weight)))  # NULL if there is none
-    share = _from_billionths(whole - sa.func.coalesce(unknown, zero)) / _from_billionths(whole)
+    unknown = sa.func.sum(weight).filter(amount.is_(None))  # NULL if there is none
+    share = _from_billionths(whole - unknown) / _from_billionths(whole)
     coverage = sa.case(
         (sa.func.count() > sa.func.count(consumed_g), sa.null()),
-        (whole > zero, share),
         (unknown.is_(None), sa.literal_column("1.0")),
+        (whole > zero, share),
         else_=sa.literal_column("0.0"),
     )
     return _sum_of(amount), coverage

@@ -1,7 +1,8 @@
 """SQL of a study's overview: participants, days, waiting meals and places, over a window of local days."""
 
 import uuid
-from datetime import UTC, date, datetime, time, timedelta
+from collections.abc import Iterable
+from datetime import UTC, date, datetime, time
 from typing import NamedTuple
 
 import sqlalchemy as sa
@@ -10,20 +11,18 @@ from sqlalchemy.orm import Session
 from app.db.statements import AnyColumn
 from app.diary.day_definition import (
     CountedDay,
-    DaysOf,
     count_days,
     count_where,
+    days_of_study,
+    delay_seconds,
     delays_text,
     has_place,
-    microseconds_between,
-    participants_of,
     within,
 )
-from app.diary.overview_schemas import CountedStatus, OverviewPeopleOut, PlaceOut
+from app.diary.overview_schemas import CountedStatus, PlaceOut
 from app.diary.queries import edge_days
 from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal, MealStatus
-from app.people import privacy_queries as privacy
 from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
 from app.records.review.queries import count_meals_to_look_at
@@ -38,7 +37,7 @@ WAITING: tuple[MealStatus, ...] = (
 NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status
 AFTER_PENDING = ("receiving", "queued", "processing")
-LATE = timedelta(hours=24)  # from eating to arrival; a meal that takes longer is late
+LATE_SECONDS = 24 * 3600.0  # from eating to arrival; a meal that takes longer is late
 SHOWN_DECIMALS = 3  # of degrees: about a hundred metres, finer than a map of a study shows
 PLACE_COLUMNS = ("meal_id", "participant", "captured_at", "local_date")
 LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
@@ -47,8 +46,8 @@ LONG_AGO = datetime(1970, 1, 1, tzinfo=UTC)
 class Person(NamedTuple):
     """A participant and the days expected of them.
 
-    first_day: their start, else their first meal or closed day; None if there is none yet; at the
-    earliest the window's first day, unless the start is set.
+    first_day: their start, else their first meal or closed day, at the earliest the window's first
+    day; None if there is none until its end.
     """
 
     id: uuid.UUID
@@ -59,15 +58,15 @@ class Person(NamedTuple):
 
 
 class MealsOfDay(NamedTuple):
-    """All participants' meals of a local day. late: arrived more than LATE after they were eaten.
+    """All participants' meals of a local day. late: arrived more than LATE_SECONDS after they were eaten.
 
-    delays: microseconds from eating to arrival, in a text
+    delays: from eating to arrival, s
     """
 
     statuses: dict[MealStatus, int]
     late: int
     located: int
-    delays: str
+    delays: list[float]
 
 
 def last_day_of(session: Session, study_id: uuid.UUID, until: date) -> date | None:
@@ -96,67 +95,48 @@ class Window:
         self._first_day, self._last_day = first_day, last_day
         self._meals = _is_of_study(Meal, study_id, first_day, last_day)
 
-    def people(self) -> OverviewPeopleOut:
-        """Count the participants."""
-        has_meal = sa.exists().where(
-            Meal.participant_id == Participant.id,
-            *within(Meal.local_date, self._first_day, self._last_day),
+    def persons(self, days: Iterable[CountedDay]) -> list[Person]:
+        """Return the study's participants by code. days: the window's, in order."""
+        first_days: dict[uuid.UUID, date] = {}
+        for day in days:
+            if day.meals or day.is_closed:
+                first_days.setdefault(day.participant_id, day.local_date)
+        person, first_day = Participant, self._first_day
+        had_meal = sa.exists().where(Meal.participant_id == person.id, Meal.local_date < first_day)
+        had_closed_day = sa.exists().where(
+            DiaryDay.participant_id == person.id,
+            DiaryDay.local_date < first_day,
+            DiaryDay.status == "closed",
         )
-        active = sa.func.count(sa.case((has_meal, 1)))
-        rows, active_rows, withdrawn_rows = self._session.execute(
-            sa.select(sa.func.count(), active, sa.func.count(Participant.withdrawn_at)).where(
-                Participant.study_id == self._study_id
-            )
-        ).one()
-        erased = privacy.count_erased_participants(self._session, self._study_id)
-        return OverviewPeopleOut(
-            everybody=rows + erased,
-            active=active_rows,
-            withdrawn=withdrawn_rows + erased,
-            erased=erased,
-        )
-
-    def persons(self) -> list[Person]:
-        """Return the study's participants by code."""
-        participant = Participant
-        first_day = _first_expected_day(self._first_day)
+        had_begun = sa.or_(had_meal, had_closed_day)
         query = (
-            sa.select(
-                participant.id,
-                participant.code,
-                participant.starts_on,
-                first_day,
-                participant.withdrawn_at,
-            )
-            .where(participant.study_id == self._study_id)
-            .order_by(participant.code)
+            sa.select(person.id, person.code, person.starts_on, person.withdrawn_at, had_begun)
+            .where(person.study_id == self._study_id)
+            .order_by(person.code)
         )
-        return [Person(*row) for row in self._session.execute(query)]
+        persons = []
+        for person_id, code, starts_on, withdrawn_at, is_earlier in self._session.execute(query):
+            begins_on = first_day if is_earlier else first_days.get(person_id)
+            persons.append(Person(person_id, code, starts_on, starts_on or begins_on, withdrawn_at))
+        return persons
 
     def days(self) -> list[CountedDay]:
         """Return the participants' days that have data, in order."""
-        chosen = DaysOf(participants_of(self._study_id), self._first_day, self._last_day)
+        chosen = days_of_study(self._study_id, self._first_day, self._last_day)
         return count_days(self._session, chosen)
 
     def meals(self) -> dict[date, MealsOfDay]:
         """Count the meals of each local day."""
         statuses = [count_where(Meal.status == status) for status in MEAL_STATUSES]
-        is_late = microseconds_between(Meal.captured_at, Meal.received_at) > LATE / timedelta(
-            microseconds=1
-        )
-        columns: list[AnyColumn] = [
-            count_where(is_late),
-            count_where(has_place()),
-            delays_text(),
-            *statuses,
-        ]
+        columns: list[AnyColumn] = [count_where(has_place()), delays_text(), *statuses]
         query = sa.select(Meal.local_date, *columns).where(*self._meals).group_by(Meal.local_date)
-        return {
-            local_date: MealsOfDay(
-                dict(zip(MEAL_STATUSES, counts, strict=True)), late, located, delays
-            )
-            for local_date, late, located, delays, *counts in self._session.execute(query)
-        }
+        meals = {}
+        for local_date, located, text, *counts in self._session.execute(query):
+            delays = delay_seconds(text)
+            late = sum(delay > LATE_SECONDS for delay in delays)
+            by_status = dict(zip(MEAL_STATUSES, counts, strict=True))
+            meals[local_date] = MealsOfDay(by_status, late, located, delays)
+        return meals
 
     def places(self, limit: int) -> list[PlaceOut]:
         """Return the newest places, by (captured_at, id), rounded to SHOWN_DECIMALS."""
@@ -230,30 +210,3 @@ def _is_of_study(
     table: type[Meal | DiaryDay], study_id: uuid.UUID, first_day: date | None, last_day: date | None
 ) -> list[sa.ColumnElement[bool]]:
     return [table.study_id == study_id, *within(table.local_date, first_day, last_day)]
-
-
-def _first_expected_day(first_day: date) -> sa.ColumnElement[date | None]:
-    """Return a participant's start if it is set, else their first day with a meal or closed day.
-
-    If they have a meal before the window, it returns the window's first day: one lookup instead of
-    two.
-    """
-    has_earlier_meal = sa.exists().where(
-        Meal.participant_id == Participant.id, Meal.local_date < first_day
-    )
-    first_meal = sa.select(sa.func.min(Meal.local_date).label("day")).where(
-        Meal.participant_id == Participant.id
-    )
-    first_closed = sa.select(sa.func.min(DiaryDay.local_date).label("day")).where(
-        DiaryDay.participant_id == Participant.id, DiaryDay.status == "closed"
-    )
-    first_days = sa.union_all(
-        first_meal.correlate(Participant), first_closed.correlate(Participant)
-    ).subquery()
-    return sa.func.coalesce(
-        Participant.starts_on,
-        sa.case(
-            (has_earlier_meal, sa.literal(first_day, sa.Date())),
-            else_=sa.select(sa.func.min(first_days.c.day)).scalar_subquery(),
-        ),
-    )

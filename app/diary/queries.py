@@ -16,9 +16,10 @@ from app.diary.day_definition import (
     DaysOf,
     count_days,
     count_where,
+    delay_seconds,
     delays_text,
     group_by_day,
-    median_seconds,
+    median_or_none,
     unseen_leftovers,
     within,
 )
@@ -69,7 +70,7 @@ class DayRow(CountedDay):
     @property
     def consumed_g(self) -> float | None:
         """The eaten grams of the items for which they are known; 0 if nothing was eaten."""
-        return 0.0 if self.is_nothing else self.eaten.consumed_g
+        return 0.0 if self.is_nothing else self.eaten_g
 
 
 def page_of_days(
@@ -118,7 +119,7 @@ def read_days(session: Session, days: DaysOf) -> list[DayRow]:
             changed_at=changed_at,
             is_by_reviewer=key in reviewed,
             meals_after_closing=after_closing,
-            median_upload_delay_seconds=median_seconds(delays),
+            median_upload_delay_seconds=median_or_none(delay_seconds(delays)),
             leftovers_unknown_items=leftovers.get(key, 0) if study.expects_after_pair else 0,
         )
         rows.append(row)

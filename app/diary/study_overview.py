@@ -15,7 +15,7 @@ from statistics import fmean
 from app.core.errors import NotFoundError
 from app.db.session import Database
 from app.diary import overview_queries as overview
-from app.diary.day_definition import CountedDay, median_seconds
+from app.diary.day_definition import PLACES, CountedDay, median_or_none
 from app.diary.diary import MAX_RANGE_DAYS, day_range
 from app.diary.distribution import Bin, Distribution, distribution
 from app.diary.overview_queries import MealsOfDay, Person
@@ -30,6 +30,7 @@ from app.diary.overview_schemas import (
 from app.meals.stored.meal_time import latest_day
 from app.meals.stored.models import MEAL_STATUSES, MealStatus
 from app.nutrition.components import HEADLINE_COLUMNS
+from app.people import privacy_queries as privacy
 from app.people import queries as people
 from app.people.access import audit
 from app.people.access.caller import Caller, StaffCaller
@@ -39,7 +40,8 @@ DEFAULT_DAYS = 28
 MAX_PLACES = 2000
 MAX_PERSONS = 60  # whose days are listed one by one
 MAX_DAYS_OF_PERSONS = 35
-NO_MEALS = MealsOfDay(dict.fromkeys(MEAL_STATUSES, 0), 0, 0, "")
+WholeDay = tuple[CountedDay, Sequence[float | None]]  # its amounts by HEADLINE_COLUMNS
+NO_MEALS = MealsOfDay(dict.fromkeys(MEAL_STATUSES, 0), 0, 0, [])
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +106,17 @@ def study_overview(
         if days is None and first_day is None:
             first = min(max(first, overview.first_day_of(session, study.id) or first), last)
         window = overview.Window(session, study.id, first, last)
-        persons, counted, meals = window.persons(), window.days(), window.meals()
-        people_counts = window.people()
+        counted, meals = window.days(), window.meals()
+        persons = window.persons(counted)
+        people_counts = _people(
+            persons, counted, privacy.count_erased_participants(session, study.id)
+        )
         is_small = (
             people_counts.everybody <= MAX_PERSONS and (last - first).days < MAX_DAYS_OF_PERSONS
         )
-        amounts, person_means = _amounts(counted)
-        shown = _overview_days(counted, meals, persons, _days_until(first, last), today)
+        whole_days = [(day, day.whole_amounts()) for day in counted if day.is_complete]
+        amounts, person_means = _amounts(whole_days)
+        shown = _overview_days(counted, whole_days, meals, persons, _days_until(first, last), today)
         keeps_places = (
             study.location_policy != "drop"
         )  # places kept under an earlier policy are not shown either
@@ -162,13 +168,27 @@ def note_overview_export(
         audit.note(session, caller, "overview.export", study_id=study.id, output=output, part=part)
 
 
-def _amounts(days: Sequence[CountedDay]) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
-    """Return each headline column's amounts on whole days, and each participant's means of them."""
+def _people(
+    persons: Sequence[Person], days: Sequence[CountedDay], erased: int
+) -> OverviewPeopleOut:
+    left = sum(person.withdrawn_at is not None for person in persons)
+    return OverviewPeopleOut(
+        everybody=len(persons) + erased,
+        active=len({day.participant_id for day in days if day.meals}),
+        withdrawn=left + erased,
+        erased=erased,
+    )
+
+
+def _amounts(
+    days: Sequence[WholeDay],
+) -> tuple[dict[str, list[float]], dict[str, list[float]]]:
+    """Return each headline column's known amounts, and each participant's means of them."""
     amounts: dict[str, list[float]] = {name: [] for name in HEADLINE_COLUMNS}
     means: dict[str, list[float]] = {name: [] for name in HEADLINE_COLUMNS}
     days_of: dict[uuid.UUID, list[Sequence[float | None]]] = defaultdict(list)
-    for day in days:
-        days_of[day.participant_id].append(day.whole_amounts())
+    for day, amounts_of_day in days:
+        days_of[day.participant_id].append(amounts_of_day)
     for person_days in days_of.values():
         for name, column in zip(HEADLINE_COLUMNS, zip(*person_days, strict=True), strict=True):
             known = [amount for amount in column if amount is not None]
@@ -180,6 +200,7 @@ def _amounts(days: Sequence[CountedDay]) -> tuple[dict[str, list[float]], dict[s
 
 def _overview_days(
     counted: Sequence[CountedDay],
+    whole_days: Sequence[WholeDay],
     meals: Mapping[date, MealsOfDay],
     persons: Sequence[Person],
     window: Sequence[date],
@@ -190,11 +211,17 @@ def _overview_days(
     days_of: dict[date, list[CountedDay]] = defaultdict(list)
     for day in counted:
         days_of[day.local_date].append(day)
+    whole_kcal: dict[date, list[float]] = defaultdict(list)
+    for day, amounts in whole_days:
+        kcal = amounts[PLACES["energy_kcal"]]
+        if kcal is not None:
+            whole_kcal[day.local_date].append(kcal)
     expected = _expected(persons, window, today)
     return tuple(
         _overview_day(
             local_date,
             days_of[local_date],
+            whole_kcal[local_date],
             meals.get(local_date, NO_MEALS),
             expected[local_date],
             person_of,
@@ -206,6 +233,7 @@ def _overview_days(
 def _overview_day(
     local_date: date,
     days: Sequence[CountedDay],
+    whole_kcal: Sequence[float],
     meals: MealsOfDay,
     expected: int | None,
     person_of: Mapping[uuid.UUID, Person],
@@ -217,9 +245,6 @@ def _overview_day(
         if expected is not None
         and (day.meals or day.is_closed)
         and _could_tell(person_of[day.participant_id], day)
-    ]
-    whole_kcal = [
-        amount for amount in (day.whole_amount("energy_kcal") for day in days) if amount is not None
     ]
     open_amounts = [day.amount("energy_kcal").value for day in days if not day.is_closed]
     open_kcal = [amount for amount in open_amounts if amount is not None]
@@ -248,7 +273,7 @@ def _overview_day(
         items=sum(day.items for day in days),
         unmeasured_items=sum(day.unmeasured_items for day in days),
         provisional_items=sum(day.provisional_items for day in days),
-        median_delay_seconds=median_seconds(meals.delays),
+        median_delay_seconds=median_or_none(meals.delays),
         **statuses,
     )
 
@@ -310,7 +335,7 @@ def _completeness(days: Sequence[OverviewDayOut], meals: Iterable[MealsOfDay]) -
         silent=sum(day.silent for day in days),
         meals=sum(day.meals for day in days),
         late_meals=sum(day.late_meals for day in days),
-        median_delay_seconds=median_seconds(" ".join(of_day.delays for of_day in meals)),
+        median_delay_seconds=median_or_none([delay for of_day in meals for delay in of_day.delays]),
     )
 
 

@@ -8,7 +8,7 @@ import pytest
 import sqlalchemy as sa
 
 from app.diary.adequacy import closed_amounts, contents_of_days
-from app.diary.day_definition import DaysOf, participants_of
+from app.diary.day_definition import days_of_study
 from app.foods.models import Component, Food, FoodNutrient, FoodRelease
 from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import MEAL_STATUSES, Meal
@@ -92,7 +92,7 @@ def change_at_random(session, people, chance):
 
 def both_ways(database, least_coverage, first_day=None, last_day=None):
     """Return (profile, last day, days, amounts) of each participant, from columns and from the table."""
-    chosen = DaysOf(participants_of(STUDY), first_day, last_day)
+    chosen = days_of_study(STUDY, first_day, last_day)
     with database.read() as session:
         quick = closed_amounts(session, chosen, column="vitamin_c_mg", least_coverage=least_coverage)
         contents = contents_of_days(session, chosen, VITAMIN_C, None)
