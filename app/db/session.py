@@ -36,12 +36,13 @@ TCP_LIVENESS = {
     "keepalives_count": 3,
     "tcp_user_timeout": 60_000,
 }
-# PostgreSQL: plan each query for its values (a generic plan reads a whole study for one day), and
-# do not compile statements, which takes longer than executing them. Join more than four tables in
-# the order written: for a page of records PostgreSQL would compare all orders for 8 ms, then read
-# the page in 3 ms.
+# PostgreSQL: dates as text are ISO (db/statements.py, stored_text). Plan each query for its values
+# (a generic plan reads a whole study for one day), and do not compile statements, which takes
+# longer than executing them. Join more than four tables in the order written: for a page of records
+# PostgreSQL would compare all orders for 8 ms, then read the page in 3 ms.
 PG_SESSION = (
-    "-c timezone=UTC -c plan_cache_mode=force_custom_plan -c jit=off -c join_collapse_limit=4"
+    "-c timezone=UTC -c datestyle=ISO -c plan_cache_mode=force_custom_plan -c jit=off"
+    " -c join_collapse_limit=4"
 )
 PG_DATA_EXCEPTION = "22"  # class of SQLSTATEs: invalid values
 PG_DEADLOCK = "40P01"

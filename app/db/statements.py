@@ -1,4 +1,4 @@
-"""Parts of statements: types of columns that are chosen at run time, and ids as text."""
+"""Parts of statements: types of columns that are chosen at run time, and ids and days as text."""
 
 from typing import Any
 
@@ -14,18 +14,18 @@ Condition = sa.ColumnElement[bool]
 Conditions = tuple[Condition, ...]
 
 
-class stored_id(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
-    """An id as text in the database's cheapest form: with hyphens on PostgreSQL, without on SQLite."""
+class stored_text(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
+    """An id or day as text in the database's cheapest form: ids with hyphens on PostgreSQL, without on SQLite."""
 
     type = sa.String()
     inherit_cache = True
 
 
-@compiles(stored_id, "postgresql")
-def _id_postgresql(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+@compiles(stored_text, "postgresql")
+def _text_postgresql(element: stored_text, compiler: SQLCompiler, **options: Any) -> str:
     return f"CAST({compiler.process(element.clauses, **options)} AS TEXT)"
 
 
-@compiles(stored_id, "sqlite")
-def _id_sqlite(element: stored_id, compiler: SQLCompiler, **options: Any) -> str:
+@compiles(stored_text, "sqlite")
+def _text_sqlite(element: stored_text, compiler: SQLCompiler, **options: Any) -> str:
     return compiler.process(element.clauses, **options)

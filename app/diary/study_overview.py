@@ -246,6 +246,7 @@ def _overview_day(
         and (day.meals or day.is_closed)
         and _could_tell(person_of[day.participant_id], day)
     ]
+    closed = [day for day in days if day.is_closed]
     open_amounts = [day.amount("energy_kcal").value for day in days if not day.is_closed]
     open_kcal = [amount for amount in open_amounts if amount is not None]
     statuses = {f"{status}_meals": count for status, count in meals.statuses.items()}
@@ -259,8 +260,8 @@ def _overview_day(
         told_closed=told_closed,
         told_open=len(told) - told_closed,
         with_meal=sum(day.meals > 0 for day in days),
-        closed=sum(day.is_closed for day in days),
-        ate_nothing=sum(day.ate_nothing for day in days),
+        closed=len(closed),
+        ate_nothing=sum(day.ate_nothing for day in closed),
         whole=len(whole_kcal),
         whole_energy_kcal=fmean(whole_kcal) if whole_kcal else None,
         open_days=len(open_kcal),
