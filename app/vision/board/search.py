@@ -2,7 +2,8 @@
 
 Contrast image in -> candidate grids out, quick ones first; which board it is and which corner is which is for
 marker.py. Corners of squares are saddle points of the grey levels: where many lie together the detector (OpenCV's
-sector-based one, Duda and Frese, 2018) runs, there alone. Whether there is a board or not then takes the same time.
+sector-based one, Duda and Frese, 2018) runs, there alone. Textures have many saddle points too, but hardly one amid
+corners of the opposite kind, as a board has: without any, no detector runs.
 """
 
 from collections.abc import Iterator
@@ -20,7 +21,7 @@ from app.vision.board.grid import (
     square_means,
 )
 from app.vision.geometry.projective import map_points
-from app.vision.model import Float64Array, ImageArray
+from app.vision.model import Float32Array, Float64Array, ImageArray, Int64Array
 
 # long side on which saddle points are sought: squares of 5 px and more have them
 REGION_SIDE_PX = 1000
@@ -28,6 +29,19 @@ SADDLE_BLUR_PX = 1.5
 MIN_SADDLE_STEP = 6.0  # grey levels between dark and light squares; board_grid.MIN_SQUARE_STEP for a sharp corner is 8
 MIN_SADDLE_SHARE = 0.2  # of the strong ones' step: the part of a board that lies in a shadow
 MIN_SADDLES = 9  # in a region: 4 x 4 squares have as many
+# x, y of half of the 16 pixels about a corner that FAST looks at (Rosten and Drummond, 2006); radius 3: within squares
+# of 5 px
+ARC = ((0, -3), (1, -3), (2, -2), (3, -1), (3, 0), (3, 1), (2, 2), (1, 3))
+CIRCLE = np.array([*ARC, *((-x, -y) for x, y in ARC)])
+CIRCLE_BLUR_PX = 0.7  # against noise
+# Standard deviation on the circle over the saddle point's step: corners have 0.43 to 0.52, beside unlike colours up to
+# 0.65; points of fine textures, which end within the circle, often have more.
+MAX_SPREAD = 0.7
+OPPOSITE = -0.75  # correlation of two circles: -1 on an ideal board, -0.8 in a strong blur
+NEIGHBOURS = 8  # nearest ones; both along each edge are among them up to a tilt of 70 degrees
+# of the distance: how far neighbours may be from lying opposite each other, by perspective; and by whole pixels
+MAX_OFF_CENTRE, MAX_OFF_CENTRE_PX = 0.2, 1.5
+KDTREE_SINGLE = 4  # of cv::flann::KDTreeSingleIndexParams
 # Of the long side: saddle points nearer than twice that belong to one region. A board beside a plate has squares of a
 # fortieth and less; one that fills the photograph, as for calibration, of a tenth.
 JOINED_SHARES = (1 / 40, 1 / 12)
@@ -105,7 +119,7 @@ def _crop(contrast: ImageArray, box: tuple[int, int, int, int], long_side: int) 
 
 
 def _regions(contrast: ImageArray) -> list[_Region]:
-    """Where saddle points crowd, the most crowded first."""
+    """Where saddle points crowd, the most crowded first; nowhere if none of them is in the middle of a board."""
     image, scale = reduced(contrast, REGION_SIDE_PX)
     step = _saddle_step(image)
     is_peak = (step == cv2.dilate(step, np.ones((5, 5), np.uint8))) & (step > MIN_SADDLE_STEP)
@@ -114,6 +128,8 @@ def _regions(contrast: ImageArray) -> list[_Region]:
         return []
     kept = step[y, x] > MIN_SADDLE_SHARE * np.sort(step[y, x])[-MIN_SADDLES]
     y, x = y[kept], x[kept]
+    if not _has_middle(image, np.column_stack([x, y]), step[y, x]):
+        return []
     regions: list[_Region] = []
     for share in JOINED_SHARES:
         reach = max(3, round(share * max(image.shape)))
@@ -131,6 +147,36 @@ def _regions(contrast: ImageArray) -> list[_Region]:
             ):
                 regions.append(_Region(box, place == 0))
     return regions
+
+
+def _has_middle(image: ImageArray, places: Int64Array, step: Float32Array) -> bool:
+    """Whether a saddle point is a corner in the middle of 3 x 3, as every board has one.
+
+    Dark and light change places from a corner to the next: a middle lies between two of the opposite kind along both
+    edges, and most of these four, one of which may be covered, lie between two as well.
+    image: (H, W). places: (n, 2) x, y, px. step: (n,) grey levels.
+    """
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), CIRCLE_BLUR_PX)
+    around = np.clip(places[:, None] + CIRCLE, 0, np.array(image.shape[::-1]) - 1)
+    levels = smooth[around[..., 1], around[..., 0]]
+    # Opposite sectors are averaged: squares of a coloured board are unlike.
+    levels = (levels + np.roll(levels, len(ARC), axis=1)) / 2
+    levels -= levels.mean(axis=1, keepdims=True)
+    is_corner = levels.std(axis=1) < MAX_SPREAD * step
+    if np.count_nonzero(is_corner) <= NEIGHBOURS:
+        return False
+    points, looks = places[is_corner].astype(np.float32), levels[is_corner]
+    looks /= np.maximum(np.linalg.norm(looks, axis=-1, keepdims=True), 1.0)
+    tree = cv2.flann.Index(points, {"algorithm": KDTREE_SINGLE})
+    near = tree.knnSearch(points, NEIGHBOURS + 1)[0][:, 1:]  # the first is the corner itself
+    is_opposite = (looks[:, None] * looks[near]).sum(axis=-1) < OPPOSITE
+    offset = points[near] - points[:, None]
+    limit_px = np.maximum(MAX_OFF_CENTRE * np.linalg.norm(offset, axis=-1), MAX_OFF_CENTRE_PX)
+    off_centre_px = np.linalg.norm(offset[:, :, None] + offset[:, None], axis=-1)  # of each two
+    is_between = (off_centre_px < limit_px[..., None]) & is_opposite[..., None]
+    rows = np.count_nonzero(is_between & is_opposite[:, None], axis=(1, 2)) / 2
+    opposites_in_rows = np.count_nonzero(is_opposite & (rows[near] >= 1), axis=1)
+    return bool(np.any((rows >= 2) & (opposites_in_rows >= 3)))
 
 
 def _is_same(box: tuple[int, ...], other: tuple[int, ...]) -> bool:
