@@ -15,6 +15,7 @@ from typing import SupportsFloat
 
 import cv2
 import numpy as np
+import simplejpeg
 from PIL import ExifTags, Image, JpegImagePlugin, PngImagePlugin, WebPImagePlugin
 from pillow_heif import HeifImageFile
 
@@ -62,12 +63,6 @@ TRANSPOSED: Mapping[
 }
 INVERSE = {6: 8, 8: 6}  # all others undo themselves
 
-REDUCED_READ: Mapping[int, int] = {
-    1: cv2.IMREAD_COLOR,
-    2: cv2.IMREAD_REDUCED_COLOR_2,
-    4: cv2.IMREAD_REDUCED_COLOR_4,
-    8: cv2.IMREAD_REDUCED_COLOR_8,
-}
 SEND_AGAIN = "Send the file again, byte for byte as the camera saved it."
 
 
@@ -106,7 +101,7 @@ def read_reduced_photo(
     """The same, halved once or more as long as its long side keeps so many pixels; None: in full. Failures: the same.
 
     A JPEG is reduced while it is decoded (by its cosine transform), which takes half the time. is_whole: no pixels can
-    be missing, so that they are decoded once only.
+    be missing, so that none are looked for.
     """
     with warnings.catch_warnings():
         warnings.filterwarnings(
@@ -147,15 +142,13 @@ def _read(
             f"The photograph has only {width} x {height} pixels; the shorter needs {least_short_side_px} at least.",
             "Send the photograph itself, not its preview.",
         )
-    if not is_whole and lacks_pixels(data):
-        return _damaged(data)
     try:
         factor = _reduction(max(width, height), least_long_side_px)
-        pixels_bgr = _pixels_of_sound_jpeg(image, data, factor)
-        if pixels_bgr is None:
-            pixels_bgr = reduce_by(_pixels_bgr(image), factor)
+        pixels_bgr = _stored_pixels(image, data, factor, is_whole=is_whole)
     except DECODE_ERRORS:
         return _damaged(data)
+    if isinstance(pixels_bgr, Failure):
+        return pixels_bgr
     exif = _exif(image)
     if not isinstance(
         image, HeifImageFile
@@ -263,23 +256,37 @@ def _is_complete(data: bytes) -> bool:
     return position == len(data)
 
 
-def _pixels_of_sound_jpeg(image: Image.Image, data: bytes, factor: int) -> ImageArray | None:
-    """(H, W, 3) uint8 BGR as stored, by OpenCV in half of Pillow's time; None for what is left to Pillow.
+def _stored_pixels(
+    image: Image.Image, data: bytes, factor: int, *, is_whole: bool
+) -> ImageArray | Failure:
+    """(H, W, 3) uint8 BGR as stored, reduced by the factor; a Failure where some are missing.
 
-    OpenCV fills up with grey what a cut file lacks, so that it only gets files whose picture itself has its end; a
-    thumbnail's end, before the picture's first scan, does not count.
+    A JPEG is decoded in half of Pillow's time. If libjpeg has no complaint, none are missing (see lacks_pixels).
     """
-    if not isinstance(image, JpegImagePlugin.JpegImageFile) or image.mode not in {"RGB", "L"}:
+    is_jpeg = isinstance(image, JpegImagePlugin.JpegImageFile) and image.mode in {"RGB", "L"}
+    size = (-(-image.width // factor), -(-image.height // factor))
+    decoded = _jpeg_pixels(data, size, factor, is_strict=True) if is_jpeg else None
+    if decoded is None and not is_whole and lacks_pixels(data):
+        return _damaged(data)
+    if decoded is None and is_jpeg and _is_complete(data):
+        decoded = _jpeg_pixels(data, size, factor, is_strict=False)
+    return reduce_by(_pixels_bgr(image), factor) if decoded is None else decoded
+
+
+def _jpeg_pixels(
+    data: bytes, size: tuple[int, int], factor: int, *, is_strict: bool
+) -> ImageArray | None:
+    """Pixels by libjpeg-turbo, size: width, height; None for what is left to Pillow.
+
+    is_strict: None wherever it complains; else it fills up with grey what a cut file lacks.
+    """
+    try:
+        decoded = simplejpeg.decode_jpeg(
+            data, "BGR", min_width=size[0], min_height=size[1], min_factor=factor, strict=is_strict
+        )
+    except ValueError:
         return None
-    scan = _jpeg_scan_offset(data)
-    if scan is None or data.rfind(b"\xff\xd9", scan) < 0:
-        return None
-    decoded = cv2.imdecode(
-        np.frombuffer(data, np.uint8), REDUCED_READ[factor] | cv2.IMREAD_IGNORE_ORIENTATION
-    )
-    if decoded is None or decoded.shape[1::-1] != tuple(-(-side // factor) for side in image.size):
-        return None
-    return np.asarray(decoded, np.uint8)
+    return np.asarray(decoded, np.uint8) if decoded.shape[1::-1] == size else None
 
 
 def _jpeg_scan_offset(data: bytes) -> int | None:

@@ -4,13 +4,15 @@ import io
 import struct
 import zlib
 
+import cv2
 import numpy as np
 import pillow_heif
 import pytest
+import simplejpeg
 from PIL import Image, TiffImagePlugin
 
 from app.vision.model import Photo
-from app.vision.photograph.photo import MIN_SHORT_SIDE_PX, read_photo
+from app.vision.photograph.photo import MIN_SHORT_SIDE_PX, read_photo, read_reduced_photo
 from tests.support.photographs import photograph, with_hole
 
 MAX_PIXELS = 50_000_000
@@ -203,3 +205,19 @@ def png(width: int, height: int, rows: bytes, depth: int = 8, *, interlaced: boo
 
     header = struct.pack(">IIBBBBB", width, height, depth, 2, 0, 0, interlaced)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("options", [{}, {"subsampling": 0}, {"progressive": True}], ids=str)
+@pytest.mark.parametrize("mode", ["RGB", "L"])
+def test_whole_jpeg_is_decoded_once_to_the_pixels_of_opencv(monkeypatch, picture, mode, options):
+    data = encoded(picture.convert(mode).resize((641, 487)), "JPEG", **options)
+    expected = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_COLOR_2)
+    calls, decode = [], simplejpeg.decode_jpeg
+    monkeypatch.setattr(
+        simplejpeg, "decode_jpeg", lambda *args, **kwargs: calls.append(args) or decode(*args, **kwargs)
+    )
+    read_half = read_reduced_photo(data, max_pixels=MAX_PIXELS, least_long_side_px=320)
+    assert len(calls) == 1
+    assert read_half.factor == 2
+    assert np.array_equal(read_half.photo.pixels_bgr, expected)
+    assert np.array_equal(read(data).pixels_bgr, cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR))
