@@ -32,9 +32,9 @@ from app.vision.model import (
     View,
 )
 from app.vision.photograph.photo import ReducedPhoto
-from app.vision.views.epipolar import GOOD_PX_AT_12MP, near_epipolar_lines
-from app.vision.views.features import FOOD_MAX_HEIGHT_MM, match_features, triangulate
-from app.vision.views.relative_pose import refine_views
+from app.vision.views.epipolar import GATE_PX_AT_12MP, GOOD_PX_AT_12MP, near_epipolar_lines
+from app.vision.views.features import FOOD_MAX_HEIGHT_MM, MIN_MATCHES, match_features, triangulate
+from app.vision.views.relative_pose import fit_views
 from app.vision.views.stillness import (
     AT_MARKER_MM,
     MIN_JUDGED_MATCHES,
@@ -223,20 +223,28 @@ def _judge_views(
 
 
 def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
-    """Whether the same points are seen in both, on the marker's table or over it, and well inside both."""
+    """Whether the same points are seen in both, on the marker's table or over it, and well inside both.
+
+    One fit of the views is enough: heights are judged by RAISED_MM, and lines by GOOD_PX_AT_12MP.
+    """
     matches = match_features(left, right)
-    refined = refine_views(left, right, matches)
-    is_good = near_epipolar_lines(refined.first, refined.second, matches, GOOD_PX_AT_12MP)
+    near = near_epipolar_lines(left, right, matches, GATE_PX_AT_12MP)
+    views = (left, right)
+    if np.count_nonzero(near) >= MIN_MATCHES:  # fewer may be near by chance
+        fitted = fit_views(left, right, matches.first_px[near], matches.second_px[near])
+        views = (fitted.first, fitted.second)
+    is_good = near_epipolar_lines(*views, matches, GOOD_PX_AT_12MP)
+    are_few = np.count_nonzero(is_good) < MIN_MATCHES
     measures = {"matches": float(np.count_nonzero(is_good))}
     moved = judge_matches(matches, is_good, placed_by="marker")
-    if moved is None and refined.matches == 0:
+    if moved is None and are_few:
         moved = judge_missing(left, right)
     if moved is not None:
         return [PairProblem(moved.code, "stop")], measures
-    if refined.matches == 0:
+    if are_few:
         return [PairProblem("too_few_matches", "warn")], measures
     pixels = (matches.first_px[is_good], matches.second_px[is_good])
-    points = triangulate(refined.first, refined.second, *pixels)
+    points = triangulate(*views, *pixels)
     height_mm = np.nan_to_num(points[:, 2])
     if (
         len(points) >= MIN_JUDGED_MATCHES
