@@ -42,6 +42,9 @@ STRIDE = np.array(
 SPREAD = np.array(
     [np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5]
 )  # prior
+# What is wide and low rests on its flat side: it tilts by what its support and its own unevenness make of it. Wider,
+# a ball whose outlines alone are seen would be flat along the line of sight.
+STANDING, TILT_SD = ("ball", "slab", "ring"), 0.15
 SUPPORT_BOUND = 2.0  # sd, within which the support stays
 _PLACING = (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
@@ -158,6 +161,8 @@ class Form(ABC):
         spread = SPREAD.copy()
         if self.is_round:
             spread[[E1, E2]] = ROUND_EXPONENT_SD
+        if self.name in STANDING:
+            spread[[TURN_X, TURN_Y]] = TILT_SD
         return spread
 
     @property

@@ -39,11 +39,10 @@ from app.vision.solids.outline_snap import (
 )
 from app.vision.solids.prism_starts import begin_prisms
 from app.vision.solids.seen import Seen
-from app.vision.solids.single_starts import single_view_forms
+from app.vision.solids.single_starts import HEIGHT_RATIOS, single_view_forms
 from app.vision.solids.surface_match import (
     average_along,
     draw_mask,
-    fine_detail,
     measure_along,
 )
 from app.vision.tuning import SINGLE_TUNING, TUNING
@@ -245,7 +244,7 @@ def _scene_of(
 ) -> _Scene:
     is_single = pair.second_bgr is None
     first_bgr, second_bgr = (pair.first_bgr, pair.first_bgr) if is_single else pair.both_bgr
-    grey = [fine_detail(grey_of(image).astype(np.float32)) for image in (first_bgr, second_bgr)]
+    grey = [grey_of(image).astype(np.float32) for image in (first_bgr, second_bgr)]
     lab = tuple(
         LabPicture(image)
         for image in (first_bgr, second_bgr, *(view.picture_bgr for view in others))
@@ -277,7 +276,10 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
             food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm
         )
     hinted_families = prior.families if prior is not None else ()
-    plain = [replace(form, has_displacement=False) for form in forms]
+    plain = [
+        replace(form, has_displacement=False, height_ratio=HEIGHT_RATIOS.get(form.name))
+        for form in forms
+    ]
     ranked = _coarse_fits(food, plain, hinted_families)
     kept = SINGLE_TUNING.kept if food.is_single else TUNING.kept
     of_form = [fit for fit in ranked[kept:] if fit.form.name in hinted_families]

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from app.vision.geometry.masks import window_around
 from app.vision.geometry.mesh import IntArray, Topology, faces_towards
 from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, Float64Array, MaskArray
@@ -66,7 +67,10 @@ def measure_along(
     height, width = surface.shape
     window = (slice(top, top + height), slice(left, left + width))
     clear = _eroded(masks[0][window], CLEAR_PX), _eroded(masks[1], CLEAR_PX + REACH_PX)
-    offset, sd = _correlate(grey[0][window], grey[1], surface, clear, (left, top))
+    detail = [
+        fine_detail(each, _eroded(mask, CLEAR_PX)) for each, mask in zip(grey, masks, strict=True)
+    ]
+    offset, sd = _correlate(detail[0][window], detail[1], surface, clear, (left, top))
     return SurfaceParallax(surface + _evened(offset, sd), sd, (left, top))
 
 
@@ -153,9 +157,30 @@ def draw_parallax(
     return out, (int(low[0]), int(low[1]))
 
 
-def fine_detail(grey: Float32Array) -> Float32Array:
-    """(H, W) grey levels less their mean around: gloss changes slowly over a food, and moves with the camera."""
-    return grey - blurred(grey, TUNING.detail_px)
+def fine_detail(grey: Float32Array, mask: MaskArray) -> Float32Array:
+    """(H, W) grey levels of a food less their mean around, 0 beside it: gloss changes slowly, and with the camera.
+
+    Beyond the mask grey goes on as within it, so that the food's contrast with what lies behind it, which is at another
+    place in either view, is no detail of its surface.
+    """
+    out = np.zeros(grey.shape, np.float32)
+    if not mask.any():
+        return out
+    window = window_around(mask, round(2 * TUNING.detail_px))
+    grey, mask = grey[window], mask[window]
+    place = np.indices(mask.shape)
+    _, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    place_of = np.zeros((2, int(labels.max()) + 1), np.int64)
+    place_of[:, labels[mask]] = place[:, mask]
+    edge = place_of[:, labels]
+    row, column = np.clip(2 * edge - place, 0, np.array(mask.shape)[:, None, None] - 1)
+    beyond = grey[edge[0], edge[1]]
+    beyond = np.where(mask[row, column], 2 * beyond - grey[row, column], beyond)
+    mean = blurred(np.where(mask, grey, beyond), TUNING.detail_px)
+    out[window] = np.where(mask, grey - mean, np.float32(0.0))
+    return out
 
 
 def _eroded(mask: MaskArray, across_px: int) -> MaskArray:

@@ -125,6 +125,17 @@ def test_ellipsoid_has_its_volume_from_outlines_and_parallax(half_mm, heading):
     assert free.volume_sd_ml > plain.volume_sd_ml
 
 
+def test_parallax_of_a_part_that_is_too_little_does_not_make_a_ball_flat_along_the_line_of_sight():
+    """Tilted towards the cameras a flat form has the same outlines: what rests on a table is not."""
+    seen = seen_of()
+    far = np.where(seen.inward_px > 25, seen.dense.parallax_px - np.float32(1.0), np.float32(np.nan))
+    sd = np.full(SHAPE, 0.4, np.float32)
+    nothing = DisparityMap(np.full(SHAPE, np.nan, np.float32), seen.dense.reach_px)
+    seen = replace(seen, dense=nothing, surface=SurfaceParallax(far, sd, (0, 0)))
+    fit = fit_form(ball((30.0, 30.0, 30.0), has_displacement=False), seen, FINE)
+    assert np.isclose(fit.volume_ml, volume_ml((30.0, 30.0, 30.0)), rtol=0.02)
+
+
 def test_ring_has_its_volume_and_explains_a_ring_better_than_a_ball():
     seen, form = seen_of("torus"), replace(flat_ring(), has_displacement=False)
     assert np.isclose(fit_form(form, seen, FINE).volume_ml, 2 * np.pi**2 * 32 * 13**2 / 1000, rtol=0.015)
