@@ -64,7 +64,9 @@ MIN_STANDING, MAX_STANDING = (
 MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
-MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on: a plate's floor lies lower than its rim
+# of the rim's height: half way from a board's top, which is as high, to a plate's floor (support.FLOOR_PRIOR)
+BETWEEN_FLOORS = 0.65
+MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on, well within its edge
 NOISE_STEPS = 2.0  # standard deviations: a rig's short baseline spreads the heights of a level top
 MAX_STEP_SHARE = 0.5  # of the rim's height, below which a plate's floor lies
 NOISE_CELLS = 3
@@ -239,8 +241,9 @@ def _with_floor(
     )  # no food, whose own slopes are no noise
     step_mm = max(RISE_MM, min(NOISE_STEPS * _noise_mm(view, is_near), MAX_STEP_SHARE * rim_mm))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
-    is_low = is_solid & (view.height_mm < rim_mm - step_mm)
-    low, level = np.count_nonzero(is_low & inside), np.count_nonzero(is_level & inside)
+    is_low = is_solid & (view.height_mm < BETWEEN_FLOORS * rim_mm)
+    deep = inward_mm > INSIDE_MM[1]
+    low, level = np.count_nonzero(is_low & deep), np.count_nonzero(is_level & deep)
     is_flat = (
         np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
         and low <= MAX_LOW_SHARE * (low + level)

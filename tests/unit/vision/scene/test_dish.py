@@ -67,6 +67,14 @@ def test_board_with_something_on_it_is_a_slab_with_its_floor():
         assert (dish.radius_mm is None) == (is_board is square)
 
 
+def test_board_whose_top_is_measured_unevenly_has_its_floor():
+    def uneven(x, y):
+        lower = 4.0 * (np.sin(x / 9) * np.sin(y / 11) > 0.25)
+        return np.where(np.hypot(x, y) < 30, 45.0, np.where(np.hypot(x, y) < 110, 13.0 - lower, 0.0))
+
+    assert found_in(view_of(uneven, noise_mm=1.0), noise_mm=1.0).floor_mm == pytest.approx(13.0, abs=1.5)
+
+
 def three_foods(x, y):
     """A circle follows a banana's back, crosses a heap at half its width and runs along an egg's flank."""
     r, turn = np.hypot(x, y), np.arctan2(y, x)
