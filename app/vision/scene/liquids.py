@@ -26,6 +26,8 @@ BESIDE_SHARE, BESIDE_REACH_PX = (
     0.34,
     2 * BESIDE_PX,
 )  # of a strip's outline that runs along the vessel; what is along
+# Height by radius of the rim, from which on a vessel is a cup and no bowl, which has no handle.
+HANDLED_ASPECT = 0.7
 # of the rim's radius, across the plane through the vessel's axis in which a handle lies
 HANDLE_WIDTH = 0.6
 HANDLE_BEGIN, HANDLE_END = (
@@ -144,7 +146,7 @@ def _is_handle(
     """
     under_mm = vessel.table_mm if support is None else max(vessel.table_mm, support.height_mm)
     height_mm = vessel.rim.height_mm - under_mm
-    if len(points_table) < HANDLE_MIN_POINTS or height_mm <= 0:
+    if len(points_table) < HANDLE_MIN_POINTS or height_mm < HANDLED_ASPECT * vessel.rim.radius_mm:
         return False
     apart = points_table[:, :2] - vessel.rim.centre_mm
     reach = np.linalg.norm(apart, axis=1)

@@ -84,6 +84,7 @@ REGIONS = {  # points, vessel, height of the dish beneath both, whether they are
     "hardly measured": (loop()[: HANDLE_MIN_POINTS - 1], MUG, 0.0, False),
     "handle over a saucer": (loop(17.0, 3.5, 33.0), vessel_of(33.0, 80.0), 8.0, True),
     "biscuit that leans on the cup": (bar(36.0, (25.0, 18.0, 8.0), 12.0, climb=1.2), CUP, 12.0, False),
+    "kiwifruit beside a soup bowl": (bar(95.0, (60.0, 44.0, 40.0), 10.0), vessel_of(79.0, 52.0), 0.0, False),
     "on a stand higher than the mug": (loop(), MUG, RIM_MM + 5.0, False),
 }
 
