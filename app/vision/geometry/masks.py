@@ -43,6 +43,16 @@ def opened(mask: MaskArray, size_px: int) -> MaskArray:
     )
 
 
+def closed(mask: MaskArray, size_px: int) -> MaskArray:
+    """The mask with its gaps that are narrower than a square of this side."""
+    return (
+        cv2.morphologyEx(
+            mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((size_px, size_px), np.uint8)
+        )
+        > 0
+    )
+
+
 def dilated(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask grown by a square of this side."""
     return cv2.dilate(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0

@@ -34,9 +34,10 @@ from app.vision.scene.colour_bins import (
 from app.vision.scene.dish import Dish
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two
-from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
+from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
 from app.vision.scene.scene import Scene
-from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM
+from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
+from app.vision.scene.upright_sides import flat_top
 
 TABLE_REACH_MM = 480.0  # from the sheet: beyond lies the room
 BORDER_SHARE = 0.05  # of the picture's sides: its border, which foods seldom reach
@@ -124,6 +125,20 @@ def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]
             near = distance_px(group) * scene.pixel_mm < REACH_MM
             places.append(Place(None, group, near, nothing, elsewhere))
     return places
+
+
+def dish_around(food: MaskArray, layout: Layout) -> Dish | None:
+    """The dish that a region (h, w) taken for food is, with what stands on it: a rim too plain to be measured."""
+    scene, view = layout.scene, layout.view
+    dish = _as_dish(food, scene, view)
+    if dish is None or flat_top(food, scene, 0.0) is not None:
+        return None
+    dish = with_measured_rim(dish, view, scene)
+    inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
+    standing = np.nan_to_num(scene.height_mm) > dish.rim_mm + OVER_RIM_MM
+    deep = inward > RIM_BAND_MM[1]
+    has_food = np.count_nonzero(standing & deep) * scene.pixel_mm**2 > MIN_THING_MM2
+    return dish if has_food and dish.rim_mm > 0 else None
 
 
 def _on_table(scene: Scene) -> MaskArray:

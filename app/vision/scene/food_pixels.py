@@ -10,7 +10,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.geometry.masks import components, distance_px, inward_px, touching, window_around
+from app.vision.geometry.masks import (
+    closed,
+    components,
+    distance_px,
+    inward_px,
+    touching,
+    window_around,
+)
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
@@ -27,10 +34,12 @@ from app.vision.scene.scene import FINE_REACH_PX, Scene
 FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
 # this far (and two windows) within its outline, a raised part is food whatever its colour
 SURE_DEPTH_MM = 8.0
+JOINED_PX = 15  # across what is unmeasured within what stands
 SIDE_PX = 360
 MARGIN_PX = 12
 ROUNDS = 3
 COLOUR_LIMIT_NATS = 4.0
+ALIKE_NATS = 2.0  # of a food's colours against its board's, below which they tell little
 TEXTURE_LIMIT_NATS = 2.0
 HEIGHT_LIMIT_NATS = (-4.0, 3.0)
 UNSEEN = 6e-6  # probability of a colour that a model has not seen
@@ -52,7 +61,7 @@ class FoodPixels:
 def find_food_pixels(scene: Scene, place: Place) -> FoodPixels:
     """All food of a place, not yet told apart."""
     sure = place.is_sure
-    core, deep = _cores(sure, scene)
+    core, deep = _cores(sure, scene, is_on_board=place.floor_mm > 0)
     return _cut(replace(scene, is_ignored=scene.is_ignored | place.is_elsewhere), place, core, deep)
 
 
@@ -108,7 +117,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
             texture_bins, food, others
         )
         is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
-        is_always = deep | (core & (ratio > 2.0))
+        is_always = deep | (core & (_is_alike(place, ratio[core]) | (ratio > 2.0)))
         return cut_in_two(
             (ratio + evidence).astype(np.float32), features, is_never, is_always
         ), colour
@@ -137,17 +146,28 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
 
 
-def _cores(sure: MaskArray, scene: Scene) -> tuple[MaskArray, MaskArray]:
-    """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain."""
-    depth = inward_px(sure, 3)
+def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArray, MaskArray]:
+    """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain.
+
+    Beside a food on a board the board is measured: what is not measured within what stands is the food.
+    """
+    joined = sure
+    if is_on_board:
+        joined = closed(sure, JOINED_PX) & (sure | ~np.isfinite(scene.height_mm))
+    depth = inward_px(joined, 3)
     reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX, scene.reach_px, 2.0), 2.0)
-    core = sure & (depth > reach + 1)
+    core = joined & (depth > reach + 1)
     is_fine = scene.reach_px < FINE_REACH_PX
     deep = sure & is_fine & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm)
     for part in components(sure):
         if not (core & part).any():
             core |= part & (depth > 0.6 * float(depth[part].max()))
     return core, deep
+
+
+def _is_alike(place: Place, ratio: Float32Array) -> bool:
+    """Whether a food has its board's colours, so that heights alone tell it. ratio: (n,) nats, of what stands."""
+    return place.floor_mm > 0 and len(ratio) > 0 and float(np.median(ratio)) < ALIKE_NATS
 
 
 def _apart(is_food: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:

@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from app.vision.geometry.masks import components, distance_px, opened, without_specks
+from app.vision.geometry.masks import components, dilated, distance_px, opened, without_specks
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
@@ -30,6 +30,7 @@ REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on 
 REACH_IN_DISH_MM = 12.0
 GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
 MIN_SURE_MM2 = {"dish": 150.0, "table": 60.0}  # a plate's floor is measured worst, beside its food
+MIN_LEFT_MM2 = 250.0  # of what was not found with the rest: a cherry tomato
 OPENING_PX = {"dish": 5, "table": 3}
 SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
 UNMEASURED_MM = -99.0
@@ -118,6 +119,19 @@ def find_places(
     return places + [
         _on_table(scene, group, territories, [*sure, on_table & ~group]) for group in groups
     ]
+
+
+def left_over(place: Place, taken: MaskArray, scene: Scene) -> Place | None:
+    """The place with what stands there and is not taken (h, w), if that may be a food.
+
+    Together with foods of other colours it may have looked like the support.
+    """
+    left = place.is_sure & ~dilated(taken, 2 * WINDOW_REACH_PX + 1)
+    left = without_specks(opened(left, OPENING_PX["dish"]), MIN_LEFT_MM2 / scene.pixel_mm**2)
+    if not left.any():
+        return None
+    near = place.may_be_food & (distance_px(left) * scene.pixel_mm < REACH_MM) & ~taken
+    return replace(place, is_sure=left, may_be_food=near)
 
 
 def _territory(scene: Scene, dish: Dish, view: TopView) -> _Territory:

@@ -15,7 +15,7 @@ from app.core.errors import Failure
 from app.vision.geometry.masks import dilated, distance_px, opened, touching
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour
+from app.vision.scene.by_colour import dish_around, lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
 from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.scene.food_checks import is_food
@@ -25,7 +25,7 @@ from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.gaps import hole_by_colour
 from app.vision.scene.hinted import hinted_masks
 from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
-from app.vision.scene.places import Place, find_places
+from app.vision.scene.places import Place, find_places, left_over
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import (
     MIN_POINTS,
@@ -122,8 +122,9 @@ def segment_foods(
     measured by themselves. is_complete: only what the hints point at is returned. is_table_sure: a marker lies on it;
     otherwise the plane was found in the scene, and may be a dish's. Failure "no_food_found".
     """
-    unseen = ignored | _canvas(pair)
-    ignored = unseen if vessels is None else unseen | vessels
+    canvas = _canvas(pair)
+    unseen = canvas | ~pair.is_seen
+    ignored = ignored | canvas | (False if vessels is None else vessels)
     drawn = [Region(hint.mask, hint.index) for hint in hints if hint.is_exact]
     sought = [hint for hint in hints if not hint.is_exact]
     taken = ignored.copy()
@@ -148,6 +149,10 @@ def segment_foods(
 
     layout = lay_out(measured, trend) if pair.second_bgr is not None else None
     foods = find(layout) if layout is not None else Foods(drawn, trend)
+    if layout is not None:
+        plain = _plain_dishes(foods, layout)
+        if plain:
+            foods = find(replace(layout, dishes=[*layout.dishes, *plain]))
     if pair.second_bgr is not None and (is_table_sure or (layout is not None and layout.dishes)):
         return foods if foods.regions else no_food_found()
     foods = _by_colour(foods, measured, find, is_pair=pair.second_bgr is not None)
@@ -186,6 +191,13 @@ def _by_colour(
     if not np.isfinite(measured.height_mm).any():
         return foods
     return replace(foods, regions=_on_measured_support(foods.regions, measured, foods.table))
+
+
+def _plain_dishes(foods: Foods, layout: Layout) -> list[Dish]:
+    """The dishes that were taken for foods, since their rims are too plain to be measured."""
+    masks = [_reduced(region.mask, layout.scene) for region in foods.regions if region.hint is None]
+    dishes = [dish_around(mask, layout) for mask in masks]
+    return [dish for dish in dishes if dish is not None]
 
 
 def _canvas(pair: RectifiedPair) -> MaskArray:
@@ -262,7 +274,7 @@ def _find_foods(
 ) -> list[Region]:
     """Foods on the scene's grid: those that hints point at, and unless they are all, the others.
 
-    is_unseen: (h, w), unlike what other foods hide.
+    is_unseen: (h, w), unlike what other foods hide or the sheet.
     """
     scene = layout.scene
     drawn = [_reduced(hint.mask, scene) for hint in hints]
@@ -275,11 +287,15 @@ def _find_foods(
     )
     seen: list[_Seen] = []
     taken = scene.is_ignored
-    for place in places:
-        own = _in_place(replace(scene, is_ignored=taken), place, is_unseen, is_hinted=bool(hints))
-        for each in own:
-            taken = taken | each.mask
-        seen += own
+    for first in places:
+        place: Place | None = first
+        while place is not None:
+            around = replace(scene, is_ignored=taken)
+            own = _in_place(around, place, is_unseen, is_hinted=bool(hints))
+            for each in own:
+                taken = taken | each.mask
+            seen += own
+            place = left_over(place, taken, scene) if own else None
     masks = hinted_masks(
         drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places
     )

@@ -74,9 +74,12 @@ class Meal:
         y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
         return np.stack([x, y, heights], -1).astype(np.float32)
 
-    def segment(self, hints=(), ignored=None, unmeasured=None, *, is_complete=False, is_table_sure=True):
+    def segment(
+        self, hints=(), ignored=None, unmeasured=None, *, coarse=np.s_[:0], is_complete=False, is_table_sure=True
+    ):
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
+        disparity.reach_px[coarse] = 9.0
         ignored = np.zeros(SHAPE, bool) if ignored is None else ignored
         points = self.points(pair)
         if unmeasured is not None:
@@ -100,6 +103,17 @@ class Meal:
 def test_food_on_a_dish_is_found_and_the_dish_is_not(meal, place, least):
     (food,) = meal().segment()
     assert iou(food.mask, disc(*place)) > least
+
+
+def test_food_of_its_board_s_colours_is_whole_though_half_of_it_is_in_shade():
+    meal = Meal().board().food(200, 260, 60, 60.0)
+    egg = disc(200, 260, 60)
+    dark = np.sin(np.arange(SHAPE[1]) / 9) > 0.3  # the grain
+    meal.image[20:400, 60:500] = np.where(dark[60:500, None], (84, 112, 133), (120, 160, 190))
+    meal.image[egg] = (120, 160, 190)
+    meal.image[egg & (np.arange(SHAPE[1]) > 250)] = (84, 112, 133)
+    (food,) = meal.segment(coarse=disc(200, 260, 80))
+    assert iou(food.mask, egg) > 0.7
 
 
 @pytest.mark.parametrize(
@@ -152,6 +166,31 @@ def test_knife_and_napkin_beside_a_food_are_no_food():
     meal.height[50:250, 350:540], meal.image[50:250, 350:540] = 1.5, (60, 160, 60)
     (food,) = meal.segment()
     assert iou(food.mask, disc(150, 150, 60)) > 0.95
+
+
+def test_pale_block_beside_a_printed_pack_is_found_by_itself():
+    """All that stands together teaches the pack's colours alone, and the block has the table's."""
+    meal = Meal()
+    pack, block = np.zeros((2, *SHAPE), bool)
+    pack[120:300, 100:300], block[150:260, 310:430] = True, True
+    meal.height[pack], meal.image[pack] = 60.0, FOOD_BGR
+    meal.image[pack & (np.arange(SHAPE[1]) > 200)] = OTHER_BGR
+    meal.height[block], meal.image[block] = 35.0, np.array(TABLE_BGR) + 20.0
+    middle = block & (np.arange(SHAPE[1]) > 340) & (np.arange(SHAPE[1]) < 400)
+    found = meal.segment(unmeasured=middle, coarse=block)
+    assert len(found) == 2
+    assert iou(found[0].mask, pack) > 0.9
+    assert iou(found[1].mask, block) > 0.8
+
+
+def test_plate_of_which_some_of_the_rim_is_measured_alone_is_no_food():
+    meal = Meal().plate(rim_mm=12.0).food(210, 280, 90, 45.0)
+    rows, columns = np.indices(SHAPE)
+    is_arc = np.cos(5 * np.arctan2(rows - 210, columns - 280)) > 0.2
+    meal.height[disc(210, 280, 196) & ~disc(210, 280, 100)] = 12.0
+    plain = disc(210, 280, 196) & ~disc(210, 280, 92) & ~(is_arc & ~disc(210, 280, 110))
+    (food,) = meal.segment(unmeasured=plain)
+    assert iou(food.mask, disc(210, 280, 90)) > 0.9
 
 
 def two_foods():
