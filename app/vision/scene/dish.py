@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from app.vision.geometry.masks import components, filled, inward_px, opened
+from app.vision.geometry.masks import components, inward_px, opened
 from app.vision.geometry.pictures import sampled
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, Float64Array, MaskArray
@@ -31,21 +31,14 @@ OUTSIDE_MM = (
     8.0,
     28.0,
 )  # beyond the rim, where the table should be seen and not another, higher rim
-INSIDE_MM = (12.0, 30.0)  # within the rim, where a dish does not rise
+INSIDE_MM = 12.0  # within the rim
 RISE_MM = 3.0
-MIN_MEASURED = 0.3  # of a sector's cells, to say that it rises
 SECTORS = 48
 MIN_COVER = 0.55  # of the sectors in which the rim is seen
 MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
 MIN_EDGE_COVER = 0.4  # of the sectors in which it is seen and nothing as high lies outside
-# Share of the sectors in which the inside does not rise, least and full; food near a rim lowers it.
-MIN_HOLLOW, FULL_HOLLOW = 0.5, 0.6
 MAX_CLIMBING = 0.45  # of the sectors in which the rim is seen: where the surface climbs on just within, it is a flank
-# of a filled bowl's rim; a circle in a square touches its sides and leaves the corners
-ROUND_EDGE_COVER = 0.75
-BOWL_MM = 30.0  # least height of a bowl's rim; slices, cakes and boards are lower
 LEVEL_SHARE = 0.5  # of what is measured within the circle and as high as its edge: a flat top
-HOLLOW_WEIGHT = 2.0
 SLOPE_WEIGHT = 10.0
 REFINEMENTS = 3
 TRIALS = 2000
@@ -57,18 +50,13 @@ MIN_DETERMINANT_MM2 = 800.0
 MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
-MIN_STANDING, MAX_STANDING = (
-    0.02,
-    0.9,
-)  # of a board: what stands on it; of its inside: what would hide it all
-MIN_TOP_OF_HULL = 0.85  # of a board's outline, which is its hull: a hull around a board and a telephone shows less top
+MIN_STANDING = 0.02  # of a board: what stands on it
 TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
 MIN_TOP_SHARE = 0.2  # of that band's cells
 # of the rim's height: half way from a board's top, which is as high, to a plate's floor (support.FLOOR_PRIOR)
 BETWEEN_FLOORS = 0.65
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on, well within its edge
 NOISE_STEPS = 2.0  # standard deviations: a rig's short baseline spreads the heights of a level top
-MAX_STEP_SHARE = 0.5  # of the rim's height, below which a plate's floor lies
 NOISE_CELLS = 3
 MAX_SEARCHES = 8  # for dishes of one table
 MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
@@ -167,10 +155,8 @@ def _overlap(dish: Dish, other: Dish) -> bool:
 def _best_dish(
     view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
 ) -> Dish | None:
-    round_dish, slab = (
-        _find_round(view, is_solid, noise_mm, rng),
-        _find_slab(view, is_solid, noise_mm),
-    )
+    round_dish = _find_round(view, is_solid, noise_mm, rng)
+    slab = _find_slab(view, is_solid, noise_mm)
     if round_dish is None or slab is None:
         return round_dish or slab
     # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
@@ -189,19 +175,12 @@ def _find_round(
     at_edge = np.column_stack([view.centres_mm()[edge], view.height_mm[edge]])
     rims: list[tuple[float, _Ring]] = []
     for ring in _candidates(cells, cells, rng) + _candidates(at_edge, cells, rng):
-        is_rim = ring.cover >= MIN_COVER and ring.edge_cover >= MIN_EDGE_COVER
-        hollow = _hollow_share(view, is_solid, ring) if is_rim else 0.0
-        merit = (
-            ring.cover
-            + ring.edge_cover
-            + HOLLOW_WEIGHT * min(hollow, FULL_HOLLOW)
-            + ring.radius_mm / (2 * RADII_MM[1])
-        )
-        merit -= SLOPE_WEIGHT * float(np.hypot(*ring.slope))
-        if hollow < MIN_HOLLOW or _climbing_share(view, is_solid, ring) > MAX_CLIMBING:
+        if ring.cover < MIN_COVER or ring.edge_cover < MIN_EDGE_COVER:
             continue
-        if not _is_flat_top(view, is_solid, ring):
-            rims.append((merit, ring))
+        is_flank = _climbing_share(view, is_solid, ring) > MAX_CLIMBING
+        if not is_flank and not _is_flat_top(view, is_solid, ring):
+            merit = ring.cover + ring.edge_cover + ring.radius_mm / (2 * RADII_MM[1])
+            rims.append((merit - SLOPE_WEIGHT * float(np.hypot(*ring.slope)), ring))
     if not rims:
         return None
     ring = max(rims, key=lambda rim: rim[0])[1]
@@ -234,12 +213,12 @@ def _with_floor(
 ) -> Dish:
     band, inside = (
         (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]),
-        inward_mm > INSIDE_MM[0],
+        inward_mm > INSIDE_MM,
     )
     is_near = (
         is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)
     )  # no food, whose own slopes are no noise
-    step_mm = max(RISE_MM, min(NOISE_STEPS * _noise_mm(view, is_near), MAX_STEP_SHARE * rim_mm))
+    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_near))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
     is_low = is_solid & (view.height_mm < BETWEEN_FLOORS * rim_mm)
     deep = inward_mm > INSIDE_MM[1]
@@ -412,28 +391,12 @@ def _refined(
     )
 
 
-def _hollow_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
-    """Share of the sectors in which the surface within the rim is unmeasured or not higher: a mound's is."""
-    delta, inward = ring.offsets(view)
-    within = (inward > INSIDE_MM[0]) & (inward < INSIDE_MM[1])
-    sectors = SECTORS // 2
-    sector = sector_of(delta[within, 0], delta[within, 1], sectors)
-    rim_mm = ring.height_mm + delta @ np.array(ring.slope)
-    is_high = (view.height_mm > rim_mm + RISE_MM)[within] & is_solid[within]
-    total, measured, high = (
-        np.bincount(sector[chosen], minlength=sectors)
-        for chosen in (np.ones(sector.shape, bool), is_solid[within], is_high)
-    )
-    is_mound = (measured > MIN_MEASURED * total) & (high > 0.5 * measured)
-    return 1.0 - float(is_mound.mean())
-
-
 def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     """Share of the sectors in which the rim is seen where the surface climbs on within: a circle around three foods."""
     delta, inward = ring.offsets(view)
     sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
     over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
-    within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM[0])
+    within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM)
     on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_higher = within & (over > RISE_MM)
     seen, measured, higher = (
@@ -444,25 +407,18 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a circle lies in the flat top of a block; a filled bowl is high and round, a board carries something."""
+    """Whether a circle lies in the flat top of a block, on which, unlike on a board, nothing stands."""
     apart, inward = ring.offsets(view)
-    is_like_bowl = ring.edge_cover >= ROUND_EDGE_COVER and ring.height_mm >= BOWL_MM
     area_mm2 = np.pi * ring.radius_mm**2
-    standing_mm2 = (
-        np.count_nonzero(_higher(view, is_solid, ring.height_mm) & (inward > 0)) * view.cell_mm**2
-    )
-    is_like_board = (
-        ring.height_mm < BOWL_MM
-        and area_mm2 >= MIN_SLAB_MM2
-        and standing_mm2 >= MIN_STANDING * area_mm2
-    )
+    is_large = area_mm2 >= MIN_SLAB_MM2
+    standing = _higher(view, is_solid, ring.height_mm) & (inward > 0)
+    is_board = is_large and np.count_nonzero(standing) * view.cell_mm**2 >= MIN_STANDING * area_mm2
     inside = is_solid & (inward > OUTSIDE_MM[0])
-    if is_like_bowl or is_like_board or not inside.any():
+    if is_board or not inside.any():
         return False
     over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
-    # Neither a soft pack nor a slice of bread has a level top; a bowl's and a saucer's inside lies lower than the rim.
-    may_bulge = ring.height_mm >= BOWL_MM or area_mm2 < MIN_SLAB_MM2
-    is_top = over_rim > -RISE_MM if may_bulge else np.abs(over_rim) < RISE_MM
+    # A slice of bread has no level top; a saucer's inside lies lower than the rim.
+    is_top = np.abs(over_rim) < RISE_MM if is_large else over_rim > -RISE_MM
     return float(np.mean(is_top)) > LEVEL_SHARE
 
 
@@ -491,25 +447,13 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
             continue
         inward = _inward_mm(hull, view)
-        border = (inward > 0) & (inward < INSIDE_MM[0])
-        inside = inward > INSIDE_MM[1]
+        border = (inward > 0) & (inward < INSIDE_MM)
         if _sector_share(at_level, border) < MIN_COVER + 0.1:
             continue
         standing = higher & (inward > 0)
         if np.count_nonzero(standing) * view.cell_mm**2 < MIN_STANDING * area:
             continue
-        if np.count_nonzero(standing & inside) > MAX_STANDING * np.count_nonzero(inside):
-            continue
-        dish = _with_floor(inward, level, view, is_solid)
-        if dish.floor_mm > 0:
-            # Without gaps narrower than the link and without holes: a plain top is measured at its edge alone.
-            joined = (
-                cv2.morphologyEx((at_level | standing).astype(np.uint8), cv2.MORPH_CLOSE, link) > 0
-            )
-            top = filled(joined) & (inward > 0)
-            if np.count_nonzero(top) < MIN_TOP_OF_HULL * np.count_nonzero(inward > 0):
-                continue
-        best = area, dish
+        best = area, _with_floor(inward, level, view, is_solid)
     return best[1] if best else None
 
 
