@@ -15,6 +15,8 @@ BIN_COUNTS = (24, 32, 32)
 LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
 CHROMA_GAIN = 2.0
 MAX_STEEPNESS = 12.0
+UNSEEN = 3e-5  # probability of a colour that a model has not seen
+COLOUR_NATS = 4.0  # that one pixel's colour says at most
 MIN_CHROMA_APART = 4.0  # of two sides, to speak of a direction
 
 
@@ -88,6 +90,12 @@ def shaded_bins(image_bgr: ImageArray) -> list[NDArray[np.int64]]:
     """The bins of the image as it would look with each of SHADES of its light (of linear intensities, gamma 2.2)."""
     darker = (cv2.convertScaleAbs(image_bgr, alpha=share ** (1 / 2.2)) for share in SHADES)
     return [byte_bins(np.asarray(image, np.uint8)) for image in darker]
+
+
+def colour_evidence(first: Float32Array, second: Float32Array) -> Float32Array:
+    """Log likelihood of each bin for the first of two histograms over the second."""
+    ratio = np.log((first + UNSEEN) / (second + UNSEEN))
+    return np.asarray(np.clip(ratio, -COLOUR_NATS, COLOUR_NATS), np.float32)
 
 
 def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:

@@ -13,6 +13,7 @@ from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
     colour_bins,
+    colour_evidence,
     colour_histogram,
     contrast_features,
     outline_steepness,
@@ -23,8 +24,6 @@ from app.vision.scene.scene import Scene
 
 POINT_REACH_MM = 60.0  # from a point, beyond which its food is not looked for
 POINT_MARGIN_MM = 15.0
-COLOUR_NATS = 4.0
-UNSEEN = 3e-5  # probability of a colour that a model has not seen
 BIAS_NATS = 0.8  # towards food, of each try
 MAX_BIASES = 6
 ROUNDS = 2
@@ -100,9 +99,7 @@ def cut_out(
             colour_histogram([bins], mask),
             colour_histogram([bins, *palette.shaded], around | (allowed & ~mask & ~food)),
         )
-        ratio = np.clip(
-            np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS
-        )
+        ratio = colour_evidence(inside, outside)[bins]
         nothing = np.zeros(mask.shape, np.bool_)
         cut = cut_in_two(
             (ratio + evidence + bias_nats).astype(np.float32),

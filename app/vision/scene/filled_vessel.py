@@ -27,7 +27,6 @@ from app.vision.views.rectification import RectifiedPair
 from app.vision.views.sight import Sight
 
 LEAST_RIM_MM = 25.0  # over the table: lower rims are plates'
-COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim lies farther off
 # Height by radius of the rim: deep plates at the first, bowls and cups between the next two, mugs and glasses at the
 # last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
@@ -45,7 +44,6 @@ FLOORS_MM, FLOOR_SD_MM = (3.5, 5.0, 5.0, 5.0), 1.2
 FLOOR_OF_TALL_MM = FLOORS_MM[-1]
 UPRIGHT_LEAST_SHARE = 0.8  # of the rim's radius that an upright vessel's surface has
 HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food, no liquid
-ROUGH_MM = 6.0  # half the height between the surface's 10 and 90 %: a salad, no soup
 BOWL_ASPECT = 1.0  # height by radius of the rim: in narrower vessels windows of the dense match reach the wall
 HEAP_SHARE = 0.3  # of the surface that must be measured to say so
 RIM_INSET_MM = (
@@ -61,7 +59,6 @@ MODEL_SD_MM = 1.0
 STEP_MM, SLICE_MM = 0.5, 4.0
 MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200
-MAX_IGNORED = 0.3  # of a surface's pixels: what stands high leaves the region that both views see of the table
 OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright vessel's rim
 OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = (
     4.0,
@@ -78,10 +75,6 @@ SECTORS, PRINT_SECTORS = (
     16,
     0.75,
 )  # around it, and the share in which the surface goes on at its height
-SURE_COVER, TOP_SHARE = (
-    0.7,
-    0.5,
-)  # a rim seen so well may be brimful; of what lies within one that is not
 WINDOW_MM, WINDOW_PX = 5.0, 4  # around a vessel, where the colours beside its surface are taken
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 
@@ -193,13 +186,9 @@ def find_vessels(
     rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
-        if (
-            rim.height_mm - table_mm < LEAST_RIM_MM
-            or _is_within(rim, rims)
-            or _is_surface(rim, circles)
-        ):
+        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims):
             continue
-        if _is_print(rim, points_table) or (rim.cover < SURE_COVER and _has_top(rim, points_table)):
+        if _is_print(rim, points_table):
             continue
         first_lab, second_lab = (
             picture.within(_window(sight, rim, table_mm, view))
@@ -218,12 +207,7 @@ def find_vessels(
                 unread.append(StandingVessel(silhouette, rim, table_mm))
             continue
         silhouette, content = _masks(sight, rim, level, table_mm)
-        is_hidden = np.count_nonzero(content & ignored) > MAX_IGNORED * np.count_nonzero(content)
-        if (
-            not content.any()
-            or is_hidden
-            or _is_heaped(points_table, content, rim, level, table_mm)
-        ):
+        if _is_heaped(points_table, content, rim, level, table_mm):
             continue
         liquid = measure_liquid(rim, level, table_mm, library)
         if liquid is not None:
@@ -359,16 +343,6 @@ def _is_within(circle: Circle, rims: Sequence[Circle]) -> bool:
     return any(np.linalg.norm(circle.centre_mm - rim.centre_mm) < rim.radius_mm for rim in rims)
 
 
-def _is_surface(circle: Circle, circles: Sequence[Circle]) -> bool:
-    """Whether another circle about the same axis lies higher: that one is the rim."""
-    return any(
-        np.linalg.norm(circle.centre_mm - other.centre_mm) < COAXIAL_MM
-        and other.height_mm > circle.height_mm + 6.0
-        and other.radius_mm > 0.9 * circle.radius_mm
-        for other in circles
-    )
-
-
 def _is_plausible(rim: Circle, level: Level, table_mm: float) -> bool:
     """Whether an upright vessel would have a surface as wide."""
     is_upright = rim.height_mm - table_mm > UPRIGHT * rim.radius_mm
@@ -386,8 +360,7 @@ def _is_heaped(
     measured = heights[np.isfinite(heights)]
     if len(measured) < max(HEAP_SHARE * len(heights), 100):
         return False
-    low, middle, high = np.quantile(measured, (0.1, 0.5, 0.9))
-    return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
+    return bool(np.median(measured) - level.height_mm > HEAP_MM)
 
 
 def _is_print(rim: Circle, points_table: Float32Array) -> bool:
@@ -402,12 +375,6 @@ def _is_print(rim: Circle, points_table: Float32Array) -> bool:
         np.bincount(sector[chosen], minlength=SECTORS) for chosen in (slice(None), is_as_high)
     )
     return float(np.mean((high > 0) & (high > 0.5 * measured))) > PRINT_SECTORS
-
-
-def _has_top(rim: Circle, points_table: Float32Array) -> bool:
-    """Return whether most of what lies within the rim is as high: the highlight on an apple is a circle, too."""
-    heights = _heights_within(rim, points_table)
-    return len(heights) > 0 and float(np.mean(heights > rim.height_mm - OPEN_TOP_MM)) > TOP_SHARE
 
 
 def _is_open(rim: Circle, points_table: Float32Array) -> bool:

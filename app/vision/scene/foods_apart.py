@@ -23,7 +23,12 @@ from app.vision.geometry.masks import (
 )
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.colour_bins import colour_bins, colour_histogram, contrast_features
+from app.vision.scene.colour_bins import (
+    colour_bins,
+    colour_evidence,
+    colour_histogram,
+    contrast_features,
+)
 from app.vision.scene.min_cut import cut_in_two
 from app.vision.scene.scene import Scene
 from app.vision.scene.upright_sides import flat_top
@@ -57,7 +62,6 @@ BITTEN = (
     0.86,
 )  # the same of a part: a solid's face, and a food that another one partly hides
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
-SAME_LEVEL_MM = 3.0  # between the tops of two parts of one pack
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
@@ -66,8 +70,6 @@ MAX_TRIALS = 2
 TRIAL_PX = 4000  # of a mask, to which it is reduced while cuts are tried
 PLACE_MM = 8.0  # within which the cut keeps near its proposal
 PLACE_NATS = 1.5
-COLOUR_NATS = 3.0
-MAX_FOODS = 12
 
 
 def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[MaskArray]:
@@ -83,17 +85,14 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
         lab = lab_bytes(scene.image_bgr[window])
         piece = _Piece(lab, scene.height_mm[window], scene.distance_mm(window), scene.pixel_mm)
         waiting = [labels[window] == label]
-        while waiting and len(foods) + len(waiting) <= MAX_FOODS:
+        while waiting:
             mask = waiting.pop()
             is_block = _is_one_block(_framed(mask, window, food.shape), scene, floor_mm)
             parts = None if is_block else piece.best_cut(mask)
-            if parts is None or _have_one_top(
-                [_framed(part, window, food.shape) for part in parts], scene, floor_mm
-            ):
+            if parts is None:
                 foods.append(_framed(mask, window, food.shape))
             else:
                 waiting += parts
-        foods += [_framed(mask, window, food.shape) for mask in waiting]
     return foods
 
 
@@ -186,9 +185,7 @@ class _Piece:
             for part, seed in ((first_part, seed_one), (second_part, seed_two))
         )
         first, second = (colour_histogram([self._bins], part) for part in (first_part, second_part))
-        ratio = np.clip(
-            np.log((first + 3e-5) / (second + 3e-5))[self._bins], -COLOUR_NATS, COLOUR_NATS
-        )
+        ratio = colour_evidence(first, second)[self._bins]
         place = (distance_px(second_part) - distance_px(first_part)) * self._pixel_mm / PLACE_MM
         ratio += np.clip(place, -PLACE_NATS, PLACE_NATS)
         cut = cut_in_two(
@@ -405,13 +402,6 @@ def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
 def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
     """Whether a mask is a block, slice or pack: level top, upright sides, convex outline."""
     return solidity(mask) > CONVEX_SHARE and flat_top(mask, scene, floor_mm) is not None
-
-
-def _have_one_top(parts: Sequence[MaskArray], scene: Scene, floor_mm: float) -> bool:
-    """Return whether all parts are flat and equally high: a pack printed in two colours, not two packs."""
-    tops = [flat_top(part, scene, floor_mm) for part in parts]
-    levels = [top.level_mm for top in tops if top is not None]
-    return len(levels) == len(parts) and max(levels) - min(levels) < SAME_LEVEL_MM
 
 
 def _edge_strength(lab: Float32Array) -> Float32Array:

@@ -19,7 +19,7 @@ from app.vision.geometry.masks import (
 )
 from app.vision.geometry.pictures import blurred
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
-from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
+from app.vision.scene.colour_bins import byte_bins, colour_evidence, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
 LOW_SHARE = 0.5  # of the height around a gap, below which it is one and not a dent
@@ -32,8 +32,6 @@ MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
 # of the food's height around it, below which a hole is one and not gloss or a pale spot
 HOLE_HEIGHT_SHARE = 0.6
 MIN_HOLE_POINTS = 8
-COLOUR_NATS = 4.0
-UNSEEN = 3e-5  # probability of a colour that a model has not seen
 LEAST_DEPTH_PX = 6.0  # of a food in which a hole is sought by colour
 OUTER_SHARE = 0.5  # of that depth: a ring's food lies farther out than that, if anywhere
 HOLE_DEPTH_SHARE = 0.25  # of that depth, within which a hole lies
@@ -114,10 +112,7 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     bins = byte_bins(image_bgr)
     of_food = colour_histogram([bins], food)
     of_support = colour_histogram([bins, *shaded_bins(image_bgr)], support)
-    nats = np.clip(np.log((of_support + UNSEEN) / (of_food + UNSEEN)), -COLOUR_NATS, COLOUR_NATS)[
-        bins
-    ]
-    nats = blurred(np.asarray(nats, np.float32), 1.5)
+    nats = blurred(colour_evidence(of_support, of_food)[bins], 1.5)
     labels, stats, middles = labelled(
         opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3)
     )

@@ -30,13 +30,8 @@ BESIDE_SHARE, BESIDE_REACH_PX = (
 HANDLED_ASPECT = 0.7
 # of the rim's radius, across the plane through the vessel's axis in which a handle lies
 HANDLE_WIDTH = 0.6
-HANDLE_BEGIN, HANDLE_END = (
-    1.4,
-    2.5,
-)  # of the rim's radius, from the axis: it is fixed to the wall, and a hand is small
+HANDLE_BEGIN = 1.4  # of the rim's radius, from the axis: it is fixed to the wall
 HANDLE_CLEARANCE = 0.15  # of the rim's height over what lies under a handle, table or dish, to the handle's low end
-HANDLE_TOP = 0.6  # of the same, to its high end at least: what lies on a dish stays below
-HANDLE_SPAN = 0.2  # of the same, from end to end, of a half hidden one as well
 HANDLE_MIN_POINTS = 50  # measured, before they tell what a region is
 UNREAD_SHARE = 0.4  # of a region and such a vessel that they share to be one
 SHARE_OF_BOX = 0.3  # of a hint's box that a vessel must fill to be what it points at
@@ -140,9 +135,8 @@ def _is_handle(
 ) -> bool:
     """Return whether points (n, 3), mm, are a vessel's handle: a loop or strap that no food is like.
 
-    It is fixed to the wall and reaches no farther than a hand needs, is narrow across a plane through the vessel's
-    axis, and spans much of the vessel's height, clear of the surface on which a food would lie. support: that surface,
-    a dish's where it is higher than the table.
+    It is fixed to the wall, narrow across a plane through the vessel's axis, and clear of the surface on which a food
+    would lie. support: that surface, a dish's where it is higher than the table.
     """
     under_mm = vessel.table_mm if support is None else max(vessel.table_mm, support.height_mm)
     height_mm = vessel.rim.height_mm - under_mm
@@ -153,15 +147,11 @@ def _is_handle(
     outward = np.median(apart / np.maximum(reach, 1e-3)[:, None], axis=0)
     across = apart @ np.array([-outward[1], outward[0]]) / max(float(np.linalg.norm(outward)), 1e-3)
     left, right = np.quantile(across, (0.05, 0.95))
-    begin, end = np.quantile(reach, (0.05, 0.95)) / vessel.rim.radius_mm
-    low, high = (np.quantile(points_table[:, 2], (0.05, 0.95)) - under_mm) / height_mm
+    low_mm = float(np.quantile(points_table[:, 2], 0.05)) - under_mm
     return bool(
         right - left < HANDLE_WIDTH * vessel.rim.radius_mm
-        and begin < HANDLE_BEGIN
-        and end < HANDLE_END
-        and low > HANDLE_CLEARANCE
-        and high > HANDLE_TOP
-        and high - low > HANDLE_SPAN
+        and np.quantile(reach, 0.05) < HANDLE_BEGIN * vessel.rim.radius_mm
+        and low_mm > HANDLE_CLEARANCE * height_mm
     )
 
 

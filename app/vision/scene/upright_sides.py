@@ -38,7 +38,6 @@ MIN_HEIGHT_MM = 8.0  # over the support; a lower side is no wider than an outlin
 MIN_TOP_MM2 = 400.0
 STEP_MM = 3.0  # of height, at which the top is carried down
 CELL_MM = 2.0  # of the top seen from above
-SIDE_SHARE = 0.7  # of a mask below another one's top: it is a side of that
 MARGIN_CELLS = 12
 FAR_MM = 100.0
 CONVEX_SHARE = 0.88  # of a mask's convex hull: a banana's bow or two foods fill less
@@ -64,7 +63,7 @@ class FlatTop:
 def with_sides(
     masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap: MaskArray
 ) -> list[MaskArray]:
-    """The masks (h, w), each flat top with the side below it; parts that are a side of another one are merged.
+    """The masks (h, w), each flat top with the side below it, the highest first.
 
     is_gap: (h, w) gaps in the masks, which stay in them. A ring is round, however level its top looks.
     """
@@ -74,41 +73,18 @@ def with_sides(
         else flat_top(mask, scene, floor_mm)
         for mask in masks
     ]
-    levels = [0.0 if top is None else top.level_mm for top in tops]
-    order = sorted(range(len(masks)), key=lambda each: -levels[each])
+    pairs = sorted(
+        zip(masks, tops, strict=True), key=lambda pair: -pair[1].level_mm if pair[1] else 0.0
+    )
     taken = np.any([np.zeros(scene.is_ignored.shape, np.bool_), *masks], axis=0)
-    merged: set[int] = set()
     out: list[MaskArray] = []
-    for each in order:
-        top = tops[each]
-        if each in merged:
-            continue
-        if top is None:
-            out.append(masks[each])
-            continue
-        sides = [
-            other
-            for other in range(len(masks))
-            if other != each and other not in merged and _is_side_of(masks[other], top, scene)
-        ]
-        merged.update(sides)
-        own = np.any([masks[each], *(masks[other] for other in sides)], axis=0)
-        side = top.below & ~taken & ~scene.is_ignored
-        if np.count_nonzero(side) > MIN_SIDE_SHARE * np.count_nonzero(own):
-            own = own | side
+    for mask, top in pairs:
+        side = np.zeros_like(taken) if top is None else top.below & ~taken & ~scene.is_ignored
+        is_side = np.count_nonzero(side) > MIN_SIDE_SHARE * np.count_nonzero(mask)
+        own = mask | side if is_side else mask
         taken |= own
         out.append(own)
     return out
-
-
-def _is_side_of(mask: MaskArray, top: FlatTop, scene: Scene) -> bool:
-    """Whether a mask lies below a flat top and nothing of it rises beyond."""
-    heights = scene.height_mm[mask]
-    heights = heights[np.isfinite(heights)]
-    is_below = bool(np.count_nonzero(mask & top.below) > SIDE_SHARE * np.count_nonzero(mask))
-    return is_below and (
-        len(heights) == 0 or float(np.quantile(heights, 0.9)) < top.level_mm + LEVEL_MM
-    )
 
 
 def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
