@@ -27,6 +27,7 @@ from app.vision.views.rectification import RectifiedPair
 from app.vision.views.sight import Sight
 
 LEAST_RIM_MM = 25.0  # over the table: lower rims are plates'
+COAXIAL_MM = 5.0  # circles of one vessel; one along two edges of a thick rim lies farther off
 # Height by radius of the rim: deep plates at the first, bowls and cups between the next two, mugs and glasses at the
 # last; and the inside's radius at the floor by that at the surface. Plates have a flat well, mugs an upright wall.
 ASPECTS = (0.4, 0.6, 1.4, 2.0)
@@ -186,9 +187,12 @@ def find_vessels(
     rims: list[Circle] = []  # of vessels filled or seen to be open
     for rim in circles:
         table_mm = float(table.height_mm(rim.centre_mm))
-        if rim.height_mm - table_mm < LEAST_RIM_MM or _is_within(rim, rims):
-            continue
-        if _is_print(rim, points_table):
+        if (
+            rim.height_mm - table_mm < LEAST_RIM_MM
+            or _is_within(rim, rims)
+            or _is_surface(rim, circles)
+            or _is_print(rim, points_table)
+        ):
             continue
         first_lab, second_lab = (
             picture.within(_window(sight, rim, table_mm, view))
@@ -341,6 +345,16 @@ def _form(
 def _is_within(circle: Circle, rims: Sequence[Circle]) -> bool:
     """Whether the circle belongs to a vessel already judged."""
     return any(np.linalg.norm(circle.centre_mm - rim.centre_mm) < rim.radius_mm for rim in rims)
+
+
+def _is_surface(circle: Circle, circles: Sequence[Circle]) -> bool:
+    """Whether another circle about the same axis lies higher: that one is the rim."""
+    return any(
+        np.linalg.norm(circle.centre_mm - other.centre_mm) < COAXIAL_MM
+        and other.height_mm > circle.height_mm + 6.0
+        and other.radius_mm > 0.9 * circle.radius_mm
+        for other in circles
+    )
 
 
 def _is_plausible(rim: Circle, level: Level, table_mm: float) -> bool:

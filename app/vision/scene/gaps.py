@@ -28,10 +28,6 @@ MAX_FOOD_NATS = 1.0
 MIDDLE_SHARE = 0.5  # of a gap's greatest depth, from which it is certain; the rest is for the image's edges to tell
 AROUND_PX = 4
 MIN_POINTS = 5
-MIN_SEEN_HOLE_MM2 = 120.0  # where no height tells a hole from gloss
-# of the food's height around it, below which a hole is one and not gloss or a pale spot
-HOLE_HEIGHT_SHARE = 0.6
-MIN_HOLE_POINTS = 8
 LEAST_DEPTH_PX = 6.0  # of a food in which a hole is sought by colour
 OUTER_SHARE = 0.5  # of that depth: a ring's food lies farther out than that, if anywhere
 HOLE_DEPTH_SHARE = 0.25  # of that depth, within which a hole lies
@@ -85,12 +81,12 @@ def open_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> Mas
         low = height_mm[hole]
         low = low[np.isfinite(low)]
         area_mm2 = np.count_nonzero(hole) * pixel_mm**2
-        if len(own) == 0 and area_mm2 > MIN_SEEN_HOLE_MM2:
+        if len(own) == 0 and area_mm2 > MIN_GAP_MM2:
             holes |= hole  # a single view knows it by its colour alone
             continue
-        if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_HOLE_POINTS:
+        if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_POINTS:
             continue
-        if float(np.quantile(low, 0.25)) < HOLE_HEIGHT_SHARE * float(np.median(own)):
+        if float(np.quantile(low, 0.25)) < LOW_SHARE * float(np.median(own)):
             holes |= hole
     return holes
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from app.vision.geometry.masks import labelled, opened, solidity
+from app.vision.geometry.masks import labelled, opened
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 from app.vision.scene.scene import FINE_REACH_PX, Scene
@@ -18,15 +18,12 @@ from app.vision.scene.sectors import sector_of
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
 MIN_RAISED_MM2 = 20.0
-# of what is measured in a blob; where more is flat, it is a picture on the support
-MAX_FLAT_SHARE = 0.2
 MIN_BLOB_MM2 = 250.0
 MAX_BLOB_MM2 = 40_000.0  # larger than any food: the background beyond the table
 MIN_SUPPORT_PX = 500
 # probability of a colour bin; a quarter of what it would be if all colours were alike
 FAMILIAR = 1e-5
 BESIDE_PX = 3
-MIN_SOLIDITY = 0.3  # of a blob: one that fills less of its convex hull is a band painted along a rim, or a part of it
 # of an unmeasured blob: what the second view does not see beside a food is narrower
 MIN_WIDTH_PX = 9
 AROUND_PX = 6
@@ -88,10 +85,7 @@ def unlike_support(
     blobs = opened(is_unfamiliar & ~is_support & ~scene.is_ignored, BESIDE_PX)
     labels, stats, _ = labelled(blobs)
     near = cv2.dilate(labels.astype(np.uint16), np.ones((2 * BESIDE_PX + 1,) * 2, np.uint8))
-    raised, flat, measured = (
-        np.bincount(near[mask], minlength=len(stats))
-        for mask in (is_raised, is_flat & is_unfamiliar, np.isfinite(over_support_mm))
-    )
+    raised = np.bincount(near[is_raised], minlength=len(stats))
     square_mm = scene.pixel_mm**2
     area_mm2 = stats[:, cv2.CC_STAT_AREA] * square_mm
     kept = (
@@ -99,11 +93,8 @@ def unlike_support(
         & (area_mm2 < MAX_BLOB_MM2)
         & (raised * square_mm > MIN_RAISED_MM2)
     )
-    kept &= flat <= MAX_FLAT_SHARE * np.maximum(measured, 1)
     kept[np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))] = (
         False  # goes on unseen
     )
     kept[0] = False
-    for blob in np.flatnonzero(kept):
-        kept[blob] = solidity(labels == blob) >= MIN_SOLIDITY
     return kept[labels]

@@ -24,10 +24,7 @@ from app.vision.scene.gaps import is_ring
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
-MIN_LEVEL_SHARE, LEVEL_SHARE = (
-    0.25,
-    0.65,
-)  # of a top, and of what is measured of it, that lies at its level
+LEVEL_SHARE = 0.65  # of what is measured of a top, that lies at its level
 BESIDE_LEVEL_PX = 8  # from what is at the level: unmeasured parts of a plain top
 # of a mask by the top and an upright side below it; a dome's top explains less
 EXPLAINED_SHARE = 0.8
@@ -40,11 +37,7 @@ STEP_MM = 3.0  # of height, at which the top is carried down
 CELL_MM = 2.0  # of the top seen from above
 MARGIN_CELLS = 12
 FAR_MM = 100.0
-CONVEX_SHARE = 0.88  # of a mask's convex hull: a banana's bow or two foods fill less
 MAX_HIGHER_SHARE = 0.15  # of what is measured in a mask: more, and something else stands there
-BESIDE_MM = 5.0  # from the top seen from above; a side's points lie nearer
-MAX_SLOPE_SHARE = 0.3  # of the points below the top
-MIN_SLOPE_SHARE = 0.05  # of a mask: fewer such points say nothing
 FLAT_MM = 2.5  # about the support: it shows there
 MAX_FLAT_SHARE = 0.3  # of the side that shows the support: more, and the top overhangs
 
@@ -94,18 +87,13 @@ def flat_top(mask: MaskArray, scene: Scene, floor_mm: float) -> FlatTop | None:
     if len(heights) * scene.pixel_mm**2 < MIN_TOP_MM2:
         return None
     level = commonest(heights, 2 * LEVEL_MM)
-    if np.count_nonzero(mask) < CONVEX_SHARE * np.count_nonzero(_hull(mask)):
-        return None
     is_higher = np.count_nonzero(heights > level + LEVEL_MM) > MAX_HIGHER_SHARE * len(heights)
     if level - floor_mm < MIN_HEIGHT_MM or is_higher:
         return None
     top = _top(mask, scene, level)
     if top is None:
         return None
-    seen_from_above = _Footprint(top, scene, level)
-    if seen_from_above.slope_share(mask, scene, level, floor_mm) > MAX_SLOPE_SHARE:
-        return None
-    below = seen_from_above.carried_down(scene, level, floor_mm)
+    below = _Footprint(top, scene, level).carried_down(scene, level, floor_mm)
     side = below & ~mask
     if np.count_nonzero(mask & below) < EXPLAINED_SHARE * np.count_nonzero(mask):
         return None
@@ -125,15 +113,10 @@ def _top(mask: MaskArray, scene: Scene, level_mm: float) -> MaskArray | None:
     around = _hull_of_all(opened(mask & at_level, SPECK_PX)) & mask
     if np.count_nonzero(around) > AROUND_SHARE * np.count_nonzero(mask):
         top = around
-    area, level = np.count_nonzero(top), np.count_nonzero(top & at_level)
+    level = np.count_nonzero(top & at_level)
     measured = np.count_nonzero(top & np.isfinite(scene.height_mm))
-    if (
-        area * scene.pixel_mm**2 < MIN_TOP_MM2
-        or level < MIN_LEVEL_SHARE * area
-        or level < LEVEL_SHARE * measured
-    ):
-        return None
-    return top
+    is_large = np.count_nonzero(top) * scene.pixel_mm**2 >= MIN_TOP_MM2
+    return top if is_large and level >= LEVEL_SHARE * measured else None
 
 
 def _hull(mask: MaskArray) -> MaskArray:
@@ -193,14 +176,3 @@ class _Footprint:
             np.maximum(at_floor, at_level) >= self._low
         )
         return np.asarray(may_cross.all(axis=-1), np.bool_)
-
-    def slope_share(self, mask: MaskArray, scene: Scene, level_mm: float, floor_mm: float) -> float:
-        """Share of a mask's points between floor and top that lie well beside the top: on a slope, not on a side."""
-        between = (
-            mask & (scene.height_mm > floor_mm + LEVEL_MM) & (scene.height_mm < level_mm - LEVEL_MM)
-        )
-        if np.count_nonzero(between) < MIN_SLOPE_SHARE * np.count_nonzero(mask):
-            return 0.0
-        window = window_around(between, 0)
-        outside = self.outside_mm(scene.points_table[window][..., :2])
-        return float(np.mean(outside[between[window]] > BESIDE_MM))
