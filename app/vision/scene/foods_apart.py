@@ -50,8 +50,6 @@ STEP_WEIGHT = 1.0
 # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 FULL_NOTCH = 0.25
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
-SMALL_PART = 0.12  # of both parts' area, below which it takes more to be a food of its own
-SMALL_PART_WEIGHT = 5.0
 CONVEX = (
     0.98,
     0.95,
@@ -286,10 +284,6 @@ class _Piece:
         look = min(
             contrast / 3 + crease, 4 / 3
         )  # however clear a border is, looks alone make no two foods
-        share = min(np.count_nonzero(part) for part in (first, second)) / np.count_nonzero(
-            first | second
-        )
-        look -= SMALL_PART_WEIGHT * max(0.0, SMALL_PART - share)  # a dark end, a leaf, a lump
         whole = WHOLE_WEIGHT * (
             1.0 - _dented(first | second, CONVEX)
         )  # a loaf's crust and crumb part as clearly
