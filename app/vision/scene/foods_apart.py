@@ -36,10 +36,10 @@ from app.vision.scene.upright_sides import flat_top
 MIN_PART_MM2 = 200.0  # seen by the camera: smaller than a cherry tomato
 MIN_PART_SHARE = 0.05  # of the mask that is cut
 COLOUR_WEIGHTS = (0.6, 1.5, 1.5)  # of Lab: light varies over one food more than hue does
-CLUSTERS = (2, 3)
+CLUSTERS = 3
 NECK_LEVELS = (0.85, 0.75, 0.65, 0.55, 0.45, 0.35)  # of the greatest depth within the outline
 TOP_LEVELS = (0.3, 0.375, 0.45, 0.525, 0.6, 0.675, 0.75, 0.825, 0.9)  # of the height
-MIN_MARKER_MM2 = (15.0, 80.0)  # of a neck's side, of a top
+MIN_MARKER_MM2 = 15.0  # of a neck's side, of a top
 BESIDE_MM = (2.0, 9.0)  # from the cut, where the colours of its two sides are compared
 NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
@@ -62,8 +62,6 @@ BITTEN = (
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
-MAX_TRIAL_SCALE = 0.85  # nearly full size is tried at full size
-PROMISE = 0.8  # of the judgement of a cut of the reduced mask: below, the full mask is not tried
 MAX_TRIALS = 2
 TRIAL_PX = 4000  # of a mask, to which it is reduced while cuts are tried
 PLACE_MM = 8.0  # within which the cut keeps near its proposal
@@ -126,8 +124,8 @@ class _Piece:
 
     def best_cut(self, mask: MaskArray) -> list[MaskArray] | None:
         """The two parts of the most convincing cut, or None if none convinces."""
-        scale = min(1.0, float(np.sqrt(TRIAL_PX / max(1, int(np.count_nonzero(mask))))))
-        if scale > MAX_TRIAL_SCALE:
+        scale = float(np.sqrt(TRIAL_PX / max(1, int(np.count_nonzero(mask)))))
+        if scale >= 1.0:
             tried = self.scored_cuts(mask)
             return tried[0][1] if tried and tried[0][0] > THRESHOLD else None
         size = (round(mask.shape[1] * scale), round(mask.shape[0] * scale))
@@ -142,7 +140,7 @@ class _Piece:
         best: tuple[float, list[MaskArray]] | None = None
         reduced = _Piece(lab, height, distance, self._pixel_mm / scale)
         for hope, halves in reduced.scored_cuts(largest_part(small))[:MAX_TRIALS]:
-            if hope < PROMISE:
+            if hope < THRESHOLD:
                 break
             sides = [
                 distance_px(cv2.resize(half.astype(np.uint8), mask.shape[::-1]) > 0)
@@ -195,43 +193,38 @@ class _Piece:
     def _proposals(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         yield from self._by_colour(mask, least_px)
         depth = inward_px(filled(mask))
-        yield from self._by_level(
-            mask, depth / depth.max(), NECK_LEVELS, MIN_MARKER_MM2[0], least_px
-        )
+        yield from self._by_level(mask, depth / depth.max(), NECK_LEVELS, least_px)
         height = cv2.medianBlur(np.nan_to_num(self._height_mm, nan=0.0), 5) * mask
         top = float(np.quantile(height[mask], 0.98))
         if top > 0:
-            yield from self._by_level(
-                mask, np.asarray(height / top, np.float32), TOP_LEVELS, MIN_MARKER_MM2[1], least_px
-            )
+            share = np.asarray(height / top, np.float32)
+            yield from self._by_level(mask, share, TOP_LEVELS, least_px)
 
     def _by_colour(self, mask: MaskArray, least_px: float) -> Iterator[MaskArray]:
         smooth = cv2.GaussianBlur(self._lab, (0, 0), 2.0)[mask]
         some = np.ascontiguousarray(smooth[:: max(1, len(smooth) // 1500)])
         size = max(3, round(4 / self._pixel_mm) | 1)
-        for clusters in CLUSTERS:
-            if len(some) < clusters:
-                return
-            cv2.setRNGSeed(0)
-            _, _, centres = cv2.kmeans(
-                some, clusters, np.empty(0, np.int32), (3, 20, 0.5), 2, cv2.KMEANS_PP_CENTERS
-            )
-            cluster_of = np.full(mask.shape, -1, np.int64)
-            cluster_of[mask] = ((smooth[:, None] - centres[None]) ** 2).sum(axis=-1).argmin(axis=1)
-            for cluster in range(clusters):
-                labels, stats, _ = labelled(_opened(cluster_of == cluster, size))
-                for label in range(1, len(stats)):
-                    if stats[label, cv2.CC_STAT_AREA] >= least_px:
-                        part = filled(labels == label) & mask
-                        if np.count_nonzero(mask & ~part) >= least_px:
-                            yield part
+        if len(some) < CLUSTERS:
+            return
+        cv2.setRNGSeed(0)
+        _, _, centres = cv2.kmeans(
+            some, CLUSTERS, np.empty(0, np.int32), (3, 20, 0.5), 2, cv2.KMEANS_PP_CENTERS
+        )
+        cluster_of = np.full(mask.shape, -1, np.int64)
+        cluster_of[mask] = ((smooth[:, None] - centres[None]) ** 2).sum(axis=-1).argmin(axis=1)
+        for cluster in range(CLUSTERS):
+            labels, stats, _ = labelled(_opened(cluster_of == cluster, size))
+            for label in range(1, len(stats)):
+                if stats[label, cv2.CC_STAT_AREA] >= least_px:
+                    part = filled(labels == label) & mask
+                    if np.count_nonzero(mask & ~part) >= least_px:
+                        yield part
 
     def _by_level(
         self,
         mask: MaskArray,
         field: Float32Array,
         levels: Sequence[float],
-        least_mm2: float,
         least_px: float,
     ) -> Iterator[MaskArray]:
         """Each part that stands alone above some level of the field, with what lies nearest to it."""
@@ -241,7 +234,7 @@ class _Piece:
             kept = [
                 k
                 for k in range(1, len(stats))
-                if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= least_mm2
+                if stats[k, cv2.CC_STAT_AREA] * self._pixel_mm**2 >= MIN_MARKER_MM2
             ]
             if len(kept) <= most:
                 continue
