@@ -32,6 +32,7 @@ OUTSIDE_MM = (
     28.0,
 )  # beyond the rim, where the table should be seen and not another, higher rim
 INSIDE_MM = 12.0  # within the rim
+DEEP_MM = 30.0  # within the rim, where a plate lies lower than half its rim's height
 RISE_MM = 3.0
 SECTORS = 48
 MIN_COVER = 0.55  # of the sectors in which the rim is seen
@@ -221,7 +222,7 @@ def _with_floor(
     step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_near))
     is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
     is_low = is_solid & (view.height_mm < BETWEEN_FLOORS * rim_mm)
-    deep = inward_mm > INSIDE_MM[1]
+    deep = inward_mm > DEEP_MM
     low, level = np.count_nonzero(is_low & deep), np.count_nonzero(is_level & deep)
     is_flat = (
         np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
