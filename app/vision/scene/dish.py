@@ -52,13 +52,10 @@ MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
 MIN_STANDING = 0.02  # of a board: what stands on it
-TOP_BAND_MM = (6.0, 35.0)  # inward from the outline, where a board is as high as at its edge
-MIN_TOP_SHARE = 0.2  # of that band's cells
+MIN_TOP_SHARE = 0.1  # of what lies so deep, at the rim's height: a plain floor shows little
 # of the rim's height: half way from a board's top, which is as high, to a plate's floor (support.FLOOR_PRIOR)
 BETWEEN_FLOORS = 0.65
 MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on, well within its edge
-NOISE_STEPS = 2.0  # standard deviations: a rig's short baseline spreads the heights of a level top
-NOISE_CELLS = 3
 MAX_SEARCHES = 8  # for dishes of one table
 MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
 APART_MM = 4.0  # beyond a dish's outline, up to which what stands out is still its rim
@@ -212,38 +209,17 @@ def _with_floor(
     centre_mm: Float64Array | None = None,
     radius_mm: float | None = None,
 ) -> Dish:
-    band, inside = (
-        (inward_mm > TOP_BAND_MM[0]) & (inward_mm < TOP_BAND_MM[1]),
-        inward_mm > INSIDE_MM,
-    )
-    is_near = (
-        is_solid & inside & (view.height_mm < rim_mm + 2 * RISE_MM)
-    )  # no food, whose own slopes are no noise
-    step_mm = max(RISE_MM, NOISE_STEPS * _noise_mm(view, is_near))
-    is_level = is_solid & (np.abs(view.height_mm - rim_mm) < step_mm)
-    is_low = is_solid & (view.height_mm < BETWEEN_FLOORS * rim_mm)
     deep = inward_mm > DEEP_MM
-    low, level = np.count_nonzero(is_low & deep), np.count_nonzero(is_level & deep)
+    seen = view.height_mm[is_solid & deep] / rim_mm
+    low = np.count_nonzero(seen < BETWEEN_FLOORS)
+    level = np.count_nonzero((seen >= BETWEEN_FLOORS) & (seen < 2.0 - BETWEEN_FLOORS))
     is_flat = (
-        np.count_nonzero(is_level & band) > MIN_TOP_SHARE * np.count_nonzero(band)
+        level > MIN_TOP_SHARE * np.count_nonzero(deep)
         and low <= MAX_LOW_SHARE * (low + level)
         # a bowl filled to its rim is none
         and not (radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm)
     )
     return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
-
-
-def _noise_mm(view: TopView, chosen: MaskArray) -> float:
-    """Standard deviation of a cell's height, by cells that lie apart by more than a window. chosen: (rows, columns)."""
-    height = np.where(chosen, view.height_mm, np.float32(np.nan))
-    steps = np.concatenate(
-        [
-            (height[NOISE_CELLS:] - height[:-NOISE_CELLS]).ravel(),
-            (height[:, NOISE_CELLS:] - height[:, :-NOISE_CELLS]).ravel(),
-        ]
-    )
-    steps = np.abs(steps[np.isfinite(steps)])
-    return 1.48 * float(np.median(steps)) / float(np.sqrt(2.0)) if len(steps) else 0.0
 
 
 def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
