@@ -26,7 +26,9 @@ from app.vision.geometry.pictures import blurred, lab_bytes
 from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
+    UNSEEN,
     colour_bins,
+    colour_evidence,
     colour_histogram,
     contrast_features,
     shaded_bins,
@@ -44,8 +46,6 @@ BORDER_SHARE = 0.05  # of the picture's sides: its border, which foods seldom re
 AROUND_SHEET_MM = (5.0, 25.0)  # beyond the paper, whose edge is blurred and may lie a little off
 MIN_BARE_PX = 150
 SIDE_PX = 360  # of the reduced picture
-UNSEEN = 3e-5  # probability of a colour that a model has not seen
-COLOUR_NATS = 5.0
 COMMON_SHARE = 0.02  # of the bare surface, whose rarest colours are left out of what it is like
 ROUNDS = 3
 LIGHT_ROUNDS, LIGHT_RIDGE = 4, 1e-4
@@ -221,9 +221,7 @@ def _unlike_small(
         if not (inner.any() and outer.any()):
             return mask
         inside, outside = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
-        ratio = np.clip(
-            np.log((inside + UNSEEN) / (outside + UNSEEN))[bins], -COLOUR_NATS, COLOUR_NATS
-        )
+        ratio = colour_evidence(inside, outside)[bins]
         mask = cut_in_two((ratio + apart).astype(np.float32), features, ~within, nothing)
         mask = without_specks(opened(mask, 3), least)
     return mask & within

@@ -20,6 +20,7 @@ from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
     colour_bins,
+    colour_evidence,
     colour_histogram,
     contrast_features,
     shaded_bins,
@@ -31,8 +32,6 @@ from app.vision.scene.scene import FINE_REACH_PX, Scene
 MARGIN_MM = 12.0  # around the mask, whose colours are the surroundings'
 GROWTH_MM = 6.0  # by which a mask may grow
 INNER_PX = 3.0  # from the outline, within which a mask's colours may be mixed
-COLOUR_NATS = 5.0
-UNSEEN = 3e-5  # probability of a colour that a model has not seen
 PLACE_MM = 4.0  # of distance from the former outline that count for one nat
 PLACE_NATS = (-2.0, 1.0)
 ALIEN_NATS = -0.5  # a pixel inside whose colour speaks so much for the surroundings does not teach the food's colours
@@ -120,13 +119,10 @@ def _recut(
         if not (inner.any() and outer.any()):
             return mask
         around = colour_histogram([bins, *shaded], outer)
-        ratio = np.log((colour_histogram([bins], inner) + UNSEEN) / (around + UNSEEN))[bins]
+        ratio = colour_evidence(colour_histogram([bins], inner), around)[bins]
         is_alien = inner & (ratio < ALIEN_NATS)
         if np.count_nonzero(is_alien) < MAX_ALIEN_SHARE * np.count_nonzero(inner):
-            ratio = np.log(
-                (colour_histogram([bins], inner & ~is_alien) + UNSEEN) / (around + UNSEEN)
-            )[bins]
-        ratio = np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
+            ratio = colour_evidence(colour_histogram([bins], inner & ~is_alien), around)[bins]
         features = contrast_features(lab, (inner, outer) if is_by_difference else None)
         food = cut_in_two((ratio + place).astype(np.float32), features, is_never, nothing)
         if not food.any():
