@@ -65,12 +65,11 @@ def single_view_forms(
     extent = _extent(sight, mask, support_mm, HEIGHT_OF_WIDTH["slab"])
     if extent is not None:
         forms += begin_prisms(sight, mask, extent.height_mm, support_mm, support_sd_mm)
-    return [_unseen(form) for form in forms]
+    return [_as_usual_heap(form) for form in forms]
 
 
-def _unseen(form: Form) -> Form:
-    """The form with what a single view does not show of it as it usually is."""
-    form = replace(form, height_ratio=HEIGHT_RATIOS.get(form.name))
+def _as_usual_heap(form: Form) -> Form:
+    """Return a heap with the slope and depth that heaps have, which a single view hardly shows; others as they are."""
     if form.name != "heap" or not isinstance(form, Superellipsoid):
         return form
     parameters = form.parameters.copy()
