@@ -14,6 +14,7 @@ from app.vision.geometry.masks import components, dilated, distance_px, opened, 
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
+from app.vision.scene.food_checks import MIN_AREA_MM2
 from app.vision.scene.half_measured import enclosed_by_raised, unlike_support
 from app.vision.scene.scene import Scene
 
@@ -30,7 +31,6 @@ REACH_MM = 40.0  # around what is surely food, beyond which nothing is food: on 
 REACH_IN_DISH_MM = 12.0
 GROUP_MM = 12.0  # things on the table that are nearer to each other share a place
 MIN_SURE_MM2 = {"dish": 150.0, "table": 60.0}  # a plate's floor is measured worst, beside its food
-MIN_LEFT_MM2 = 250.0  # of what was not found with the rest: a cherry tomato
 OPENING_PX = {"dish": 5, "table": 3}
 SILHOUETTE_STEPS = 4  # heights between table and rim at which a dish's outline is drawn
 UNMEASURED_MM = -99.0
@@ -127,7 +127,7 @@ def left_over(place: Place, taken: MaskArray, scene: Scene) -> Place | None:
     Together with foods of other colours it may have looked like the support.
     """
     left = place.is_sure & ~dilated(taken, 2 * WINDOW_REACH_PX + 1)
-    left = without_specks(opened(left, OPENING_PX["dish"]), MIN_LEFT_MM2 / scene.pixel_mm**2)
+    left = without_specks(opened(left, OPENING_PX["dish"]), MIN_AREA_MM2 / scene.pixel_mm**2)
     if not left.any():
         return None
     near = place.may_be_food & (distance_px(left) * scene.pixel_mm < REACH_MM) & ~taken

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import (
+    closed,
     distance_px,
     eroded,
     inward_px,
@@ -145,11 +146,10 @@ class _Footprint:
             np.ceil((places.max(axis=0) - self._low) / CELL_MM).astype(int) + MARGIN_CELLS
         )
         self._high = self._low + CELL_MM * np.array([columns, rows])
-        cells = np.zeros((int(rows), int(columns)), np.uint8)
+        cells = np.zeros((int(rows), int(columns)), np.bool_)
         column, row = ((places - self._low) / CELL_MM).astype(int).T
-        cells[row, column] = 1
-        closed = cv2.morphologyEx(cells, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        self._outside_mm = inward_px(closed == 0) * CELL_MM
+        cells[row, column] = True
+        self._outside_mm = inward_px(~closed(cells, 3)) * CELL_MM
 
     def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
         """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
