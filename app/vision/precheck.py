@@ -223,7 +223,7 @@ def _judge_views(
 
 
 def _judge_scene(left: View, right: View) -> tuple[list[PairProblem], dict[str, float]]:
-    """Whether the same points are seen in both, on the marker's table or over it, and well inside both.
+    """Judge whether both photographs show one scene at rest on the marker's table, well inside both.
 
     One fit of the views is enough: heights are judged by RAISED_MM, and lines by GOOD_PX_AT_12MP.
     """

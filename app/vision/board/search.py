@@ -1,9 +1,9 @@
 """Where in a photograph a checkerboard may lie, and the whole grid of its inner corners, whatever its size.
 
-Contrast image in -> candidate grids out, quick ones first; which board it is and which corner is which is for
-marker.py. Corners of squares are saddle points of the grey levels: where many lie together the detector (OpenCV's
-sector-based one, Duda and Frese, 2018) runs, there alone. Textures have many saddle points too, but hardly one amid
-corners of the opposite kind, as a board has: without any, no detector runs.
+Contrast image in -> candidate grids out, quick ones first. Which board it is and which corner is which is for
+marker.py. Corners of squares are saddle points of the grey levels. OpenCV's sector-based detector
+(Duda and Frese, 2018) runs only where many of them lie together. Textures have many saddle points,
+too, but hardly one between corners of the opposite kind. Without such a point no detector runs.
 """
 
 from collections.abc import Iterator
@@ -29,17 +29,18 @@ SADDLE_BLUR_PX = 1.5
 MIN_SADDLE_STEP = 6.0  # grey levels between dark and light squares; board_grid.MIN_SQUARE_STEP for a sharp corner is 8
 MIN_SADDLE_SHARE = 0.2  # of the strong ones' step: the part of a board that lies in a shadow
 MIN_SADDLES = 9  # in a region: 4 x 4 squares have as many
-# x, y of half of the 16 pixels about a corner that FAST looks at (Rosten and Drummond, 2006); radius 3: within squares
-# of 5 px
+# x, y of half of the 16 pixels that FAST compares with a corner (Rosten and Drummond, 2006). Their
+# radius of 3 px lies within squares of 5 px.
 ARC = ((0, -3), (1, -3), (2, -2), (3, -1), (3, 0), (3, 1), (2, 2), (1, 3))
 CIRCLE = np.array([*ARC, *((-x, -y) for x, y in ARC)])
 CIRCLE_BLUR_PX = 0.7  # against noise
-# Standard deviation on the circle over the saddle point's step: corners have 0.43 to 0.52, beside unlike colours up to
-# 0.65; points of fine textures, which end within the circle, often have more.
+# Standard deviation on the circle over the saddle point's step. Corners have 0.43 to 0.52, and up to
+# 0.65 between squares of several colours. Fine textures end within the circle and often have more.
 MAX_SPREAD = 0.7
 OPPOSITE = -0.75  # correlation of two circles: -1 on an ideal board, -0.8 in a strong blur
 NEIGHBOURS = 8  # nearest ones; both along each edge are among them up to a tilt of 70 degrees
-# of the distance: how far neighbours may be from lying opposite each other, by perspective; and by whole pixels
+# How far two neighbours may be from lying opposite each other: by perspective, as a share of the
+# distance, and by rounding to whole pixels.
 MAX_OFF_CENTRE, MAX_OFF_CENTRE_PX = 0.2, 1.5
 KDTREE_SINGLE = 4  # of cv::flann::KDTreeSingleIndexParams
 # Of the long side: saddle points nearer than twice that belong to one region. A board beside a plate has squares of a
@@ -119,7 +120,7 @@ def _crop(contrast: ImageArray, box: tuple[int, int, int, int], long_side: int) 
 
 
 def _regions(contrast: ImageArray) -> list[_Region]:
-    """Where saddle points crowd, the most crowded first; nowhere if none of them is in the middle of a board."""
+    """Return where saddle points crowd, the most crowded first; nothing without a board's middle."""
     image, scale = reduced(contrast, REGION_SIDE_PX)
     step = _saddle_step(image)
     is_peak = (step == cv2.dilate(step, np.ones((5, 5), np.uint8))) & (step > MIN_SADDLE_STEP)
@@ -150,11 +151,15 @@ def _regions(contrast: ImageArray) -> list[_Region]:
 
 
 def _has_middle(image: ImageArray, places: Int64Array, step: Float32Array) -> bool:
-    """Whether a saddle point is a corner in the middle of 3 x 3, as every board has one.
+    """Return whether a saddle point is the middle of 3 x 3 corners, which every board has.
 
-    Dark and light change places from a corner to the next: a middle lies between two of the opposite kind along both
-    edges, and most of these four, one of which may be covered, lie between two as well.
-    image: (H, W). places: (n, 2) x, y, px. step: (n,) grey levels.
+    Dark and light change places from one corner to the next. A middle lies between two corners of
+    the opposite kind along both edges. At least three of these four lie between two as well: one
+    may be covered.
+
+    image: (H, W)
+    places: (n, 2) x, y, px
+    step: (n,) grey levels
     """
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), CIRCLE_BLUR_PX)
     around = np.clip(places[:, None] + CIRCLE, 0, np.array(image.shape[::-1]) - 1)

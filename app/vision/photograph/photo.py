@@ -259,9 +259,9 @@ def _is_complete(data: bytes) -> bool:
 def _stored_pixels(
     image: Image.Image, data: bytes, factor: int, *, is_whole: bool
 ) -> ImageArray | Failure:
-    """(H, W, 3) uint8 BGR as stored, reduced by the factor; a Failure where some are missing.
+    """Return (H, W, 3) uint8 BGR as stored, reduced by the factor; a Failure if pixels are missing.
 
-    A JPEG is decoded in half of Pillow's time. If libjpeg has no complaint, none are missing (see lacks_pixels).
+    libjpeg-turbo decodes a JPEG in half of Pillow's time. If it has no complaint, no pixels are missing.
     """
     is_jpeg = isinstance(image, JpegImagePlugin.JpegImageFile) and image.mode in {"RGB", "L"}
     size = (-(-image.width // factor), -(-image.height // factor))

@@ -128,7 +128,7 @@ def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]
 
 
 def dish_around(food: MaskArray, layout: Layout) -> Dish | None:
-    """The dish that a region (h, w) taken for food is, with what stands on it: a rim too plain to be measured."""
+    """Return the dish if a region (h, w) is one together with its food; its rim is too plain to be measured."""
     scene, view = layout.scene, layout.view
     dish = _as_dish(food, scene, view)
     if dish is None or flat_top(food, scene, 0.0) is not None:

@@ -384,7 +384,7 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
 
 
 def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
-    """Whether a circle lies in the flat top of a block, on which, unlike on a board, nothing stands."""
+    """Return whether a circle lies in the flat top of a block; food stands on a board's top."""
     apart, inward = ring.offsets(view)
     area_mm2 = np.pi * ring.radius_mm**2
     is_large = area_mm2 >= MIN_SLAB_MM2

@@ -147,9 +147,10 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
 
 
 def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArray, MaskArray]:
-    """What is raised and not within a window's reach of its outline; and what is so deep inside that it is certain.
+    """Return two masks (h, w): the core, and the part of it that is food for certain.
 
-    Beside a food on a board the board is measured: what is not measured within what stands is the food.
+    The core is raised and lies farther from its outline than a window reaches. Around a food on a
+    board the board is measured, so that unmeasured pixels within what stands are the food's.
     """
     joined = sure
     if is_on_board:
@@ -166,7 +167,10 @@ def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArr
 
 
 def _is_alike(place: Place, ratio: Float32Array) -> bool:
-    """Whether a food has its board's colours, so that heights alone tell it. ratio: (n,) nats, of what stands."""
+    """Return whether a food has the colours of its board, so that only heights tell them apart.
+
+    ratio: (n,) log likelihood ratio of the core's colours, food over board, nats
+    """
     return place.floor_mm > 0 and len(ratio) > 0 and float(np.median(ratio)) < ALIKE_NATS
 
 

@@ -122,9 +122,9 @@ def find_places(
 
 
 def left_over(place: Place, taken: MaskArray, scene: Scene) -> Place | None:
-    """The place with what stands there and is not taken (h, w), if that may be a food.
+    """Return the place with only what stands there and is not taken (h, w), if it may be a food.
 
-    Together with foods of other colours it may have looked like the support.
+    Beside foods of other colours it may have looked like the support.
     """
     left = place.is_sure & ~dilated(taken, 2 * WINDOW_REACH_PX + 1)
     left = without_specks(opened(left, OPENING_PX["dish"]), MIN_AREA_MM2 / scene.pixel_mm**2)

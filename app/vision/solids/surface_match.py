@@ -158,8 +158,9 @@ def draw_parallax(
 
 
 def fine_detail(grey: Float32Array, mask: MaskArray) -> Float32Array:
-    """(H, W) grey levels of a food less their mean around, 0 beside it: gloss changes slowly, and with the camera.
+    """Return (H, W) grey levels of a food less their local mean, 0 beside it.
 
+    Gloss changes slowly over a food and moves with the camera; the mean takes it away.
     Beyond the mask grey goes on as within it, so that the food's contrast with what lies behind it, which is at another
     place in either view, is no detail of its surface.
     """
