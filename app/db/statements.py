@@ -15,7 +15,10 @@ Conditions = tuple[Condition, ...]
 
 
 class stored_text(FunctionElement[str]):  # noqa: N801  # named as the SQL function that it stands for
-    """An id or day as text in the database's cheapest form: ids with hyphens on PostgreSQL, without on SQLite."""
+    """An id or day as the text that the database makes fastest.
+
+    Ids have hyphens on PostgreSQL and none on SQLite; days are ISO dates on both.
+    """
 
     type = sa.String()
     inherit_cache = True

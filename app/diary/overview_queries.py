@@ -58,8 +58,9 @@ class Person(NamedTuple):
 
 
 class MealsOfDay(NamedTuple):
-    """All participants' meals of a local day. late: arrived more than LATE_SECONDS after they were eaten.
+    """All participants' meals of a local day.
 
+    late: arrived more than LATE_SECONDS after they were eaten
     delays: from eating to arrival, s
     """
 

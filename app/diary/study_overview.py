@@ -328,6 +328,7 @@ def _days_of_persons(
 
 
 def _completeness(days: Sequence[OverviewDayOut], meals: Iterable[MealsOfDay]) -> CompletenessOut:
+    delays = [delay for day in meals for delay in day.delays]
     return CompletenessOut(
         expected=sum(day.expected for day in days),
         told=sum(day.told for day in days),
@@ -336,7 +337,7 @@ def _completeness(days: Sequence[OverviewDayOut], meals: Iterable[MealsOfDay]) -
         silent=sum(day.silent for day in days),
         meals=sum(day.meals for day in days),
         late_meals=sum(day.late_meals for day in days),
-        median_delay_seconds=median_or_none([delay for of_day in meals for delay in of_day.delays]),
+        median_delay_seconds=median_or_none(delays),
     )
 
 
