@@ -105,7 +105,7 @@ def test_food_on_a_dish_is_found_and_the_dish_is_not(meal, place, least):
     assert iou(food.mask, disc(*place)) > least
 
 
-def test_food_of_its_board_s_colours_is_whole_though_half_of_it_is_in_shade():
+def test_half_shaded_food_with_the_colours_of_its_board_is_found_whole():
     meal = Meal().board().food(200, 260, 60, 60.0)
     egg = disc(200, 260, 60)
     dark = np.sin(np.arange(SHAPE[1]) / 9) > 0.3  # the grain
@@ -169,7 +169,7 @@ def test_knife_and_napkin_beside_a_food_are_no_food():
 
 
 def test_pale_block_beside_a_printed_pack_is_found_by_itself():
-    """All that stands together teaches the pack's colours alone, and the block has the table's."""
+    """The pack dominates the colours that both teach together, and the block's are the table's."""
     meal = Meal()
     pack, block = np.zeros((2, *SHAPE), bool)
     pack[120:300, 100:300], block[150:260, 310:430] = True, True
@@ -177,13 +177,13 @@ def test_pale_block_beside_a_printed_pack_is_found_by_itself():
     meal.image[pack & (np.arange(SHAPE[1]) > 200)] = OTHER_BGR
     meal.height[block], meal.image[block] = 35.0, np.array(TABLE_BGR) + 20.0
     middle = block & (np.arange(SHAPE[1]) > 340) & (np.arange(SHAPE[1]) < 400)
-    found = meal.segment(unmeasured=middle, coarse=block)
-    assert len(found) == 2
-    assert iou(found[0].mask, pack) > 0.9
-    assert iou(found[1].mask, block) > 0.8
+    regions = meal.segment(unmeasured=middle, coarse=block)
+    assert len(regions) == 2
+    assert iou(regions[0].mask, pack) > 0.9
+    assert iou(regions[1].mask, block) > 0.8
 
 
-def test_plate_of_which_some_of_the_rim_is_measured_alone_is_no_food():
+def test_plate_with_a_partly_measured_rim_is_no_food():
     meal = Meal().plate(rim_mm=12.0).food(210, 280, 90, 45.0)
     rows, columns = np.indices(SHAPE)
     is_arc = np.cos(5 * np.arctan2(rows - 210, columns - 280)) > 0.2

@@ -125,8 +125,8 @@ def test_ellipsoid_has_its_volume_from_outlines_and_parallax(half_mm, heading):
     assert free.volume_sd_ml > plain.volume_sd_ml
 
 
-def test_parallax_of_a_part_that_is_too_little_does_not_make_a_ball_flat_along_the_line_of_sight():
-    """Tilted towards the cameras a flat form has the same outlines: what rests on a table is not."""
+def test_too_small_parallax_of_the_middle_does_not_flatten_a_ball_along_the_line_of_sight():
+    """A flat form tilted towards the cameras has the same outlines, but food does not rest like that."""
     seen = seen_of()
     far = np.where(seen.inward_px > 25, seen.dense.parallax_px - np.float32(1.0), np.float32(np.nan))
     sd = np.full(SHAPE, 0.4, np.float32)

@@ -111,7 +111,7 @@ def test_nothing_is_measured_outside_the_mask():
 
 
 @pytest.mark.parametrize("inward_px", [(3, 8), (8, 15), (15, 30)])
-def test_a_bright_table_behind_plain_skin_draws_no_part_of_it_to_the_rim_s_distance(inward_px):
+def test_a_bright_table_behind_plain_skin_does_not_bias_the_parallax_within_the_outline(inward_px):
     skin = textures(TRUTH, 0.0, contrast=1.5)
     on_table = [np.where(mask, each, np.float32(250.0)) for mask, each in zip((MASK, SECOND), skin, strict=True)]
     blurred = tuple(cv2.GaussianBlur(each, (0, 0), 1.0) for each in on_table)
