@@ -1,13 +1,18 @@
-"""Builds the index that ships from a folder of labelled photographs.
+"""Builds the index that ships from three collections of labelled photographs.
 
-    python -m tools.food_index FOLDER -o app/identification/shipped/ecustfd.npz
+    python -m tools.food_index PHOTOS app/identification/shipped/foods.npz
 
-The folder is laid out as ECUSTFD is (Liang and Li, "Computer vision-based food calorie estimation: dataset, method,
-and experiment", arXiv:1705.07632, 2017): images/*.jpg, a box a food in boxes/*.xml (Pascal VOC), each specimen's volume
-in density.xls. A file's name tells label, specimen, view and number: apple012S(3).jpg. Only figures come out of it.
+PHOTOS holds ecustfd/ (Liang and Li, "Computer vision-based food calorie estimation: dataset, method,
+and experiment", arXiv:1705.07632, 2017: images/*.jpg, a box a food in boxes/*.xml (Pascal VOC), each
+specimen's volume in density.xls; a file's name tells label, specimen, view and number:
+apple012S(3).jpg) and, one folder a food, foods/grocery/ (Klasson et al., "A hierarchical grocery
+store image dataset", WACV 2019) and foods/dishes/ (Bettina-Elena and Cristea, ffml_dataset).
+labels.csv beside this file says which folder shows which food of the starter table. Only figures
+come out of it.
 """
 
 import argparse
+import csv
 import re
 import sys
 import xml.etree.ElementTree as ET  # a local folder that the command's user chose
@@ -18,17 +23,22 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from app.candidates.labelled_folder import LAYOUT
+from app.candidates.labelled_folder import describe_labelled, labelled_photos
 from app.core.errors import Failure, InvalidInputError
-from app.identification.build_index import build_index, write_index
-from app.identification.food_index import FoodIndex, KnownFood, shipped_foods
+from app.identification.build_index import build_index, write_index, write_labels
+from app.identification.food_index import FoodIndex, KnownFood, labels_path
 from app.identification.metric import Vectors
+from app.nutrition.foods import load_starter_table
 from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
 from app.vision.photograph.photo import read_photo
 from tools.ecustfd import read_specimens
+from tools.food_metric import fit_metric
 
-SOURCE = "ecustfd"
+SOURCE = "ecustfd, shops, dishes"
+ECUSTFD, GROCERY, DISHES = "ecustfd", "grocery", "dishes"
+UNBOXED = (GROCERY, DISHES)
+LABELS = Path(__file__).parent / "shipped_index" / "labels.csv"
 NAME = re.compile(r"(?P<label>[a-z_]+?)(?P<specimen>\d+)[ST]\(\d+\)", re.ASCII)
 MAX_PIXELS = 64_000_000
 
@@ -43,29 +53,62 @@ class LabelledFood:
     box: Box
 
 
-def build_shipped(folder: Path, known: Sequence[KnownFood]) -> FoodIndex:
-    """The index of all labelled foods in a folder. known: the labels that it is to have, in their order.
+@dataclass(frozen=True, slots=True)
+class DescribedFood:
+    """A food of one photograph. views: (n, d).
 
-    Raises InvalidInputError where the folder is laid out otherwise or a photograph cannot be read.
+    specimen: of a dish its folder, whose photographs show one serving
     """
-    number = {food.label: place for place, food in enumerate(known)}
-    described = [
-        (food, describe_food(food)) for food in labelled_foods(folder) if food.label in number
-    ]
-    if not described:
-        raise InvalidInputError(
-            f"{folder} has no labelled photographs: images/*.jpg and boxes/*.xml are expected."
-        )
+
+    source: str
+    key: str
+    specimen: str
+    views: Vectors
+
+
+def build_shipped(photos: Path) -> FoodIndex:
+    """Return the index of all photographs that labels.csv names.
+
+    photos: the folder of ecustfd/, foods/grocery/ and foods/dishes/
+    Raises InvalidInputError where it is laid out otherwise or a photograph cannot be read.
+    """
+    shown = list(described_foods(photos))
+    if not shown:
+        raise InvalidInputError(f"{photos} has no labelled photographs.")
+    keys = sorted({food.key for food in shown})
+    names = {food.key: food.name for food in load_starter_table().foods}
+    vectors = np.concatenate([food.views for food in shown])
+    counts = [len(food.views) for food in shown]
     return build_index(
         SOURCE,
         VCM_VERSION,
-        known,
-        np.stack([vector for _, vector in described]),
-        np.array([number[food.label] for food, _ in described], np.intp),
-        [food.specimen for food, _ in described],
-        LAYOUT,
-        _volumes(folder / "density.xls", number),
+        [KnownFood(key, names.get(key, key.capitalize()), key) for key in keys],
+        vectors,
+        np.repeat([keys.index(food.key) for food in shown], counts),
+        np.repeat([food.specimen for food in shown], counts).tolist(),
+        fit_metric(vectors),
+        _volumes(photos / ECUSTFD / "density.xls"),
     )
+
+
+def described_foods(photos: Path) -> Iterator[DescribedFood]:
+    """Yield the foods of all photographs that labels.csv names, as they look; see build_shipped."""
+    key_of = read_labels_of_sources(LABELS)
+    for food in labelled_foods(photos / ECUSTFD):
+        yield DescribedFood(
+            ECUSTFD, key_of[ECUSTFD, food.label], food.specimen, describe_food(food)[None]
+        )
+    for source in UNBOXED:
+        for photo in labelled_photos(photos / "foods" / source):
+            if key := key_of.get((source, photo.label)):
+                specimen = photo.label if source == DISHES else photo.specimen
+                yield DescribedFood(source, key, specimen, describe_labelled(photo, MAX_PIXELS))
+
+
+def read_labels_of_sources(path: Path) -> dict[tuple[str, str], str]:
+    """Return (source, folder) -> key of the food; a specimen's name in ECUSTFD begins with its label."""
+    with path.open(encoding="utf-8", newline="") as file:
+        return {(row["source"], row["folder"]): row["food_key"] for row in csv.DictReader(file)}
 
 
 def labelled_foods(folder: Path) -> Iterator[LabelledFood]:
@@ -119,12 +162,13 @@ def _size(path: Path) -> tuple[int, int]:
         return image.size
 
 
-def _volumes(path: Path, labels: dict[str, int]) -> dict[str, tuple[float, ...]]:
+def _volumes(path: Path) -> dict[str, tuple[float, ...]]:
     measured = read_specimens(path) if path.exists() else {}
+    key_of = read_labels_of_sources(LABELS)
     return {
-        label: tuple(one.volume_ml for one in specimens)
+        key_of[ECUSTFD, label]: tuple(one.volume_ml for one in specimens)
         for label, specimens in measured.items()
-        if label in labels
+        if (ECUSTFD, label) in key_of
     }
 
 
@@ -133,14 +177,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = argparse.ArgumentParser(
         prog="python -m tools.food_index", description="Build the index that ships."
     )
-    parser.add_argument("folder", type=Path, help="labelled photographs, laid out as ECUSTFD is")
-    parser.add_argument(
-        "-o", "--output", type=Path, default=Path("index.npz"), help="the archive to write"
-    )
+    parser.add_argument("photos", type=Path, help="the folder of ecustfd/ and foods/")
+    parser.add_argument("output", type=Path, help="the archive to write; its labels beside it")
     options = parser.parse_args(arguments)
-    index = build_shipped(options.folder, shipped_foods())
+    index = build_shipped(options.photos)
     write_index(options.output, index)
-    regions, specimens = len(index.vectors), len(set(index.specimens))
+    write_labels(labels_path(options.output), index.foods)
+    regions, specimens = len(index.examples), len(set(index.specimens))
     sys.stdout.write(
         f"{regions} regions of {specimens} specimens, {len(index.foods)} foods: {options.output}\n"
     )

@@ -43,6 +43,7 @@ from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
 from app.meals.stored.models import HintDetails, Meal
 from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
+from app.vision.looks.vcm import LENGTH, LENGTHS
 
 log = structlog.get_logger()
 
@@ -77,8 +78,9 @@ class IdentifyFoods:
                         CandidateAnswer(
                             food=candidate.food_key,
                             probability=round(candidate.probability, DECIMALS),
+                            specimens=candidate.specimens,
                         )
-                        for candidate in identification.candidates
+                        for candidate in identification.candidates[:MOST_SEALED]
                     ]
                     item.none_probability = round(identification.none_probability, DECIMALS)
                     item.index_version = identification.index_version
@@ -108,9 +110,7 @@ class IdentifyFoods:
                 own=own,
                 eater=str(meal.participant_id),
             )
-            identified.append(
-                identifier.identify(numbers_of(vcm.vector), circumstances, MOST_SEALED)
-            )
+            identified.append(identifier.identify(numbers_of(vcm.vector), circumstances))
         return identified
 
     def _confirmed_foods(self, meal: Meal) -> list[Eaten]:
@@ -168,7 +168,7 @@ def _kinds(
 
 MOST_STUDIES = 8  # in the cache, up to some 30 MB each
 
-Key = tuple[uuid.UUID, uuid.UUID]  # item, run that saw it
+Key = tuple[uuid.UUID, uuid.UUID, str]  # item, run that saw it, version of its vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,10 +192,10 @@ class LearnedIndex:
         """Return the index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
         with self._lock:
             held = self._learned.pop(meal.study_id, None)
-            entries, vectors = self._read(meal, index, held.vectors if held is not None else {})
+            entries, vectors = self._read(meal, held.vectors if held is not None else {})
             if held is None or held.entries != entries:
                 held = _Learned(
-                    entries, vectors, Identifier(index, _examples(meal, index, entries, vectors))
+                    entries, vectors, Identifier(index, _examples(meal, entries, vectors))
                 )
             self._learned[meal.study_id] = held
             while len(self._learned) > MOST_STUDIES:
@@ -203,19 +203,19 @@ class LearnedIndex:
             return held.identifier
 
     def _read(
-        self, meal: Meal, index: FoodIndex, cached: Mapping[Key, Vectors]
+        self, meal: Meal, cached: Mapping[Key, Vectors]
     ) -> tuple[tuple[Entry, ...], dict[Key, Vectors]]:
         with self._database.read() as session:
             entries = index_entries.entries_for(
                 session,
                 meal.study_id,
-                index.vcm_version,
+                LENGTHS,
                 without_meal=meal.id,
                 most=MOST_EXAMPLES,
                 most_recent=MOST_EATEN,
             )
             new = [entry for entry in entries if _key(entry) not in cached]
-            read = index_entries.vectors_of(session, new, index.vcm_version)
+            read = index_entries.vectors_of(session, new)
         vectors = dict(cached) | {key: numbers_of(vector) for key, vector in read.items()}
         return tuple(entries), {
             key: vectors[key] for entry in entries if (key := _key(entry)) in vectors
@@ -223,18 +223,20 @@ class LearnedIndex:
 
 
 def _key(entry: Entry) -> Key:
-    return entry.item_id, entry.run_id
+    return entry.item_id, entry.run_id, entry.vcm_version
 
 
 def _examples(
-    meal: Meal, index: FoodIndex, entries: tuple[Entry, ...], vectors: Mapping[Key, Vectors]
+    meal: Meal, entries: tuple[Entry, ...], vectors: Mapping[Key, Vectors]
 ) -> list[Example]:
-    """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study."""
-    shape = index.vectors.shape[1:]
+    """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study.
+
+    A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed).
+    """
     usable = {
-        key
+        key: np.pad(vector, (0, LENGTH - len(vector)), constant_values=np.nan)
         for key, vector in vectors.items()
-        if vector.shape == shape and np.isfinite(vector).all()
+        if len(vector) == LENGTHS[key[2]] and np.isfinite(vector).all()
     }
     if len(usable) < len(entries):
         log.error("vectors_unusable", study_id=str(meal.study_id), count=len(entries) - len(usable))
@@ -242,7 +244,7 @@ def _examples(
         Example(
             name=f"{entry.item_id} {entry.run_id}",
             food_key=entry.food_key,
-            vector=vectors[_key(entry)],
+            vector=usable[_key(entry)],
             volume_ml=entry.volume_ml,
             day_minute=entry.day_minute,
             is_own=entry.is_own,

@@ -16,16 +16,13 @@ import numpy as np
 
 from app.core.errors import Failure, InvalidInputError
 from app.identification.build_index import build_index
-from app.identification.food_index import FoodIndex, KnownFood, read_labels
-from app.identification.metric import BlockLayout, Vectors
-from app.vision.looks.vcm import BLOCKS, VCM_VERSION, describe
-from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box
+from app.identification.food_index import FoodIndex, KnownFood, read_labels, shipped_index
+from app.identification.metric import Vectors
+from app.vision.looks.vcm import VCM_VERSION, describe
+from app.vision.looks.vcm_region import SIDE_PX, Box, region_of_box, regions_of_whole
 from app.vision.photograph.photo import read_photo
 
 PHOTOGRAPHS = frozenset({".jpg", ".jpeg", ".png", ".webp", ".heic", ".heif"})
-LAYOUT = tuple(BlockLayout(block.name, block.size, block.kind == "histogram") for block in BLOCKS)
-# of each side of a photograph without a box: what lies there is taken for background
-UNBOXED_MARGIN = 0.05
 SPECIMEN_DEPTH = 3  # parts of <label>/<specimen>/<photo>
 
 
@@ -61,18 +58,20 @@ def build_from_folder(
         raise _invalid(f"{folder} has no photographs in folders named after foods.")
     foods = _foods(folder, sorted({photo.label for photo in photos}))
     place = {food.label: number for number, food in enumerate(foods)}
-    vectors = []
+    vectors, shown = [], []
     for number, photo in enumerate(photos, start=1):
-        vectors.append(describe_labelled(photo, max_pixels))
+        views = describe_labelled(photo, max_pixels)
+        vectors.append(views)
+        shown += [photo] * len(views)
         on_photo(number, len(photos))
     return build_index(
         source,
         VCM_VERSION,
         foods,
-        np.stack(vectors),
-        np.array([place[photo.label] for photo in photos], np.intp),
-        [photo.specimen for photo in photos],
-        LAYOUT,
+        np.concatenate(vectors),
+        np.array([place[photo.label] for photo in shown], np.intp),
+        [photo.specimen for photo in shown],
+        shipped_index().metric,
         _volumes(folder, place.keys()),
     )
 
@@ -103,7 +102,7 @@ def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
 
 
 def describe_labelled(photo: LabelledPhoto, max_pixels: int) -> Vectors:
-    """(d,) VCM of the food in a photograph.
+    """(n, d) the food in a photograph: once by its box, twice where it has none (regions_of_whole).
 
     Raises InvalidInputError if it cannot be read or lacks the box.
     """
@@ -114,13 +113,13 @@ def describe_labelled(photo: LabelledPhoto, max_pixels: int) -> Vectors:
     read = read_photo(content, max_pixels=max_pixels, least_short_side_px=SIDE_PX)
     if isinstance(read, Failure):
         raise _invalid(f"{photo.path}: {read.message}")
-    height, width = read.pixels_bgr.shape[:2]
-    inner = UNBOXED_MARGIN * width, UNBOXED_MARGIN * height
-    box = photo.box or (*inner, width - 2 * inner[0], height - 2 * inner[1])
-    region = region_of_box(read.pixels_bgr, box)
-    if region is None:
+    if photo.box is None:
+        regions = regions_of_whole(read.pixels_bgr)
+    elif (region := region_of_box(read.pixels_bgr, photo.box)) is not None:
+        regions = (region,)
+    else:
         raise _invalid(f"{photo.path}: its box lies outside it.")
-    return describe(region).astype(np.float64)
+    return np.stack([describe(region) for region in regions]).astype(np.float64)
 
 
 def _foods(folder: Path, labels: Sequence[str]) -> list[KnownFood]:

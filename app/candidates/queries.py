@@ -20,12 +20,14 @@ from app.people.models import Study
 class Entry:
     """A confirmed item.
 
+    vcm_version: of its vector
     is_own: of the meal's study, not of one that shares its index
     day_minute: local
     """
 
     item_id: uuid.UUID
     run_id: uuid.UUID
+    vcm_version: str
     participant_id: uuid.UUID
     food_key: str
     volume_ml: float | None
@@ -47,7 +49,7 @@ class EatenRow:
 def entries_for(
     session: Session,
     study_id: uuid.UUID,
-    vcm_version: str,
+    vcm_versions: Collection[str],
     *,
     without_meal: uuid.UUID,
     most: int,
@@ -66,6 +68,7 @@ def entries_for(
     chosen = sa.select(
         IndexEntry.item_id,
         IndexEntry.run_id,
+        IndexEntry.vcm_version,
         IndexEntry.participant_id,
         IndexEntry.food_key,
         IndexEntry.volume_ml,
@@ -73,7 +76,7 @@ def entries_for(
         IndexEntry.day_minute,
         is_own.label("is_own"),
     ).where(
-        IndexEntry.vcm_version == vcm_version,
+        IndexEntry.vcm_version.in_(vcm_versions),
         sa.or_(is_own, IndexEntry.study_id.in_(sa.select(Study.id).where(Study.shares_index))),
         IndexEntry.item_id.not_in(sa.select(Item.id).where(Item.meal_id == without_meal)),
     )
@@ -95,20 +98,20 @@ def entries_for(
 
 
 def vectors_of(
-    session: Session, entries: Collection[Entry], vcm_version: str
-) -> dict[tuple[uuid.UUID, uuid.UUID], bytes]:
-    """Return (item, run) -> vector, little-endian float16, of these entries."""
+    session: Session, entries: Collection[Entry]
+) -> dict[tuple[uuid.UUID, uuid.UUID, str], bytes]:
+    """Return (item, run, version) -> vector, little-endian float16, of these entries."""
     if not entries:
         return {}
-    keys = {(entry.item_id, entry.run_id) for entry in entries}
+    keys = {(entry.item_id, entry.run_id, entry.vcm_version) for entry in entries}
     seen = ItemIdentification
-    query = sa.select(seen.item_id, seen.run_id, seen.vector).where(
-        seen.item_id.in_([item_id for item_id, _ in keys]), seen.vcm_version == vcm_version
+    query = sa.select(seen.item_id, seen.run_id, seen.vcm_version, seen.vector).where(
+        seen.item_id.in_([entry.item_id for entry in entries])
     )
     return {
-        (row.item_id, row.run_id): row.vector
+        (row.item_id, row.run_id, row.vcm_version): row.vector
         for row in session.execute(query)
-        if (row[0], row[1]) in keys
+        if (row[0], row[1], row[2]) in keys
     }
 
 

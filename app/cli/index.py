@@ -33,7 +33,7 @@ def index_build(
 
     TADA_FOOD_INDEX makes the server use it.
     """
-    from app.candidates.labelled_folder import build_from_folder
+    from app.candidates.labelled_folder import build_from_folder, labelled_photos
     from app.identification.build_index import write_index, write_labels
     from app.identification.food_index import labels_path, open_index
 
@@ -51,12 +51,13 @@ def index_build(
         max_pixels=Settings().max_photo_pixels,
         on_photo=_show_progress,
     )
+    photographs = len(list(labelled_photos(folder)))
     write_index(output, built)
     write_labels(labels_path(output), built.foods)
     report = {
         "index": str(output),
         "version": open_index(output).version,
-        "photographs": len(built.vectors),
+        "photographs": photographs,
         "specimens": len(set(built.specimens)),
         "foods": [food.food_key for food in built.foods],
     }
@@ -64,7 +65,7 @@ def index_build(
         print(json.dumps(report))
     else:
         print(
-            f"{len(built.vectors)} photographs, {report['specimens']} specimens, {len(built.foods)} foods: {output}"
+            f"{photographs} photographs, {report['specimens']} specimens, {len(built.foods)} foods: {output}"
         )
 
 

@@ -1,7 +1,6 @@
 """Build an index of foods from described regions and write it as an archive that read_index reads.
 
-Vectors with labels and specimens in -> FoodIndex. The metric weighs each block of features the
-same, however many numbers it has. The calibration makes held-out examples likeliest: of known
+Vectors with labels and specimens in -> FoodIndex. The calibration makes held-out examples likeliest: of known
 classes, no picture of whose specimen was seen (pictures of one specimen are far more alike than two
 specimens are), and of classes that were left out whole, which stand for all that the index does not
 know. Reading photographs is left to others.
@@ -18,8 +17,13 @@ from numpy.typing import NDArray
 
 from app.core.errors import InvalidInputError
 from app.identification.food_index import FoodIndex, KnownFood
-from app.identification.kernel_classifier import NONE_PRIOR, Calibration, fit_classifier, posterior
-from app.identification.metric import CLIP_SD, BlockLayout, Metric, Vectors, squared_distances
+from app.identification.kernel_classifier import (
+    NONE_PRIOR,
+    Calibration,
+    KernelClassifier,
+    posterior,
+)
+from app.identification.metric import Metric, Vectors
 
 DIGEST = re.compile(r" [0-9a-f]{12}$")  # of the content, at the end of a version
 FEWEST_FOODS = 2
@@ -32,7 +36,7 @@ def build_index(
     vectors: Vectors,
     labels: NDArray[np.intp],
     specimens: Sequence[str],
-    layout: Sequence[BlockLayout],
+    metric: Metric,
     volumes_ml: Mapping[str, tuple[float, ...]],
 ) -> FoodIndex:
     """Return the index of these regions, calibrated on specimens and foods that were held out.
@@ -44,25 +48,22 @@ def build_index(
     Raises InvalidInputError, code `index_too_small`, unless there are two foods, one of them with
     two specimens: nothing can be held out of less.
     """
-    stored = vectors.astype(np.float16).astype(np.float64)
     pieces = {(int(label), specimen) for label, specimen in zip(labels, specimens, strict=True)}
     if len(set(labels.tolist())) < FEWEST_FOODS or len(pieces) == len(set(labels.tolist())):
         raise InvalidInputError(
             "An index needs photographs of two foods, and of two specimens of one of them.",
             code="index_too_small",
         )
-    metric = fit_metric(stored, layout)
-    examples = metric.embed(stored)
+    examples = metric.embed(vectors).astype(np.float16).astype(np.float64)
     scores, has_another = scores_of_unseen_specimens(examples, labels, specimens, len(foods))
     unknown = scores_of_unseen_classes(examples, labels, len(foods))
     return FoodIndex(
         version=source,
         vcm_version=vcm_version,
         foods=tuple(foods),
-        vectors=stored,
+        examples=examples,
         labels=labels,
         specimens=tuple(specimens),
-        layout=tuple(layout),
         metric=metric,
         calibration=fit_calibration(scores[has_another], labels[has_another], unknown),
         volumes_ml=volumes_ml,
@@ -72,7 +73,7 @@ def build_index(
 def write_index(path: Path, index: FoodIndex) -> None:
     """The archive that read_index reads; the same index gives the same bytes.
 
-    Vectors are kept in half precision.
+    Examples are kept in half precision.
     """
     sizes = [
         (food.label, volume)
@@ -85,15 +86,12 @@ def write_index(path: Path, index: FoodIndex) -> None:
         source=np.array(DIGEST.sub("", index.version)),
         vcm_version=np.array(index.vcm_version),
         label_names=np.array([food.label for food in index.foods]),
-        vectors=index.vectors.astype(np.float16),
+        examples=index.examples.astype(np.float16),
         labels=index.labels.astype(np.uint8 if len(index.foods) < 256 else np.uint16),
         specimens=np.array(index.specimens),
-        block_names=np.array([block.name for block in index.layout]),
-        block_sizes=np.array([block.size for block in index.layout], np.int32),
-        block_is_histogram=np.array([block.is_histogram for block in index.layout]),
         centre=index.metric.centre,
         sd=index.metric.sd,
-        weight=index.metric.weight,
+        axes=index.metric.axes.astype(np.float16),
         calibration=np.array([index.calibration.temperature, index.calibration.none_score]),
         volume_labels=np.array([label for label, _ in sizes]),
         volumes_ml=np.array([volume for _, volume in sizes], np.float64),
@@ -146,48 +144,6 @@ def _shares(scores: Vectors, calibration: Calibration) -> tuple[Vectors, NDArray
     return posterior(likelihoods, none, np.full(scores.shape[1], -np.log(scores.shape[1])))
 
 
-LEAST_SD = 1e-9
-SAMPLE = 400  # of examples whose distances are measured
-
-
-def fit_metric(vectors: Vectors, layout: Sequence[BlockLayout]) -> Metric:
-    """The metric of some examples, (n, d), n >= 1.
-
-    Raises ValueError if the blocks do not make up the vectors.
-    """
-    if sum(block.size for block in layout) != vectors.shape[1]:
-        raise ValueError(
-            f"blocks of {sum(block.size for block in layout)} numbers, vectors of {vectors.shape[1]}"
-        )
-    is_histogram = np.repeat(
-        [block.is_histogram for block in layout], [block.size for block in layout]
-    )
-    centre = np.where(is_histogram, 0.0, vectors.mean(axis=0))
-    spread = vectors.std(axis=0)
-    sd = np.where(is_histogram | (spread <= LEAST_SD), 1.0, spread)
-    apart = np.clip((vectors - centre) / sd, -CLIP_SD, CLIP_SD)
-    sample = apart[np.linspace(0, len(apart) - 1, min(SAMPLE, len(apart))).astype(int)]
-    weights, begins = [], 0
-    for block in layout:
-        part = sample[:, begins : begins + block.size]
-        squares = squared_distances(part, part)[np.triu_indices(len(part), 1)]
-        weights.append(np.full(block.size, _weight(squares, len(layout))))
-        begins += block.size
-    return Metric(
-        centre, sd, np.where(is_histogram | (spread > LEAST_SD), np.concatenate(weights), 0.0)
-    )
-
-
-def _weight(squares: Vectors, blocks: int) -> float:
-    """Of a block among so many, by its squared distances: their median, or their mean where most are 0."""
-    if squares.size == 0:  # one example: nothing is known of distances
-        return float(1.0 / np.sqrt(blocks))
-    typical = float(np.median(squares))
-    if typical <= LEAST_SD:
-        typical = float(squares.mean())
-    return float(1.0 / np.sqrt(typical * blocks)) if typical > LEAST_SD else 0.0
-
-
 FOLDS = 10
 
 
@@ -225,7 +181,9 @@ def scores_of_unseen_specimens(
     scores = np.zeros((len(examples), classes))
     for held in specimen_folds(labels, specimens, seed=seed):
         kept = np.setdiff1d(np.arange(len(examples)), held)
-        scores[held] = fit_classifier(examples[kept], labels[kept], classes).scores(examples[held])
+        scores[held] = KernelClassifier(examples[kept], labels[kept], classes).scores(
+            examples[held]
+        )
     names = np.asarray(specimens)
     counts = np.array([len(np.unique(names[labels == label])) for label in range(classes)])
     return scores, counts[labels] > 1
@@ -237,5 +195,5 @@ def scores_of_unseen_classes(examples: Vectors, labels: NDArray[np.intp], classe
     for left_out in range(classes):
         kept, held = np.flatnonzero(labels != left_out), np.flatnonzero(labels == left_out)
         others = labels[kept] - (labels[kept] > left_out)
-        scores[held] = fit_classifier(examples[kept], others, classes - 1).scores(examples[held])
+        scores[held] = KernelClassifier(examples[kept], others, classes - 1).scores(examples[held])
     return scores

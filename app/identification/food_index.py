@@ -1,6 +1,6 @@
 """The index that ships with the program: described regions of known foods, and how their likeness becomes probability.
 
-One compressed NumPy archive of numbers and short words: no pickle, no photograph. labels.csv beside
+One compressed NumPy archive of numbers and short words: no pickle, no photograph. foods.csv beside
 it, which people read and correct, names the food of the food table for each label.
 """
 
@@ -22,23 +22,20 @@ from numpy.typing import NDArray
 
 from app.core.errors import InvalidInputError
 from app.identification.kernel_classifier import Calibration
-from app.identification.metric import BlockLayout, Metric, Vectors
+from app.identification.metric import Metric, Vectors
 
-SHIPPED = "ecustfd.npz"
-LABELS = "labels.csv"
+SHIPPED = "foods.npz"
+LABELS = "foods.csv"
 ARRAYS = (
     "source",
     "vcm_version",
     "label_names",
-    "vectors",
+    "examples",
     "labels",
     "specimens",
-    "block_names",
-    "block_sizes",
-    "block_is_histogram",
     "centre",
     "sd",
-    "weight",
+    "axes",
     "calibration",
     "volume_labels",
     "volumes_ml",
@@ -56,8 +53,11 @@ class KnownFood:
 
 @dataclass(frozen=True, slots=True)
 class FoodIndex:
-    """vectors: (n, d); labels: (n,) places in foods; specimens: (n,) names, the same for pictures of one piece.
+    """What an index holds.
 
+    examples: (n, k) embedded by the metric
+    labels: (n,) places in foods
+    specimens: (n,) names, the same for pictures of one piece or serving
     volumes_ml: of each food's measured pieces
     version: names the source and the content
     """
@@ -65,10 +65,9 @@ class FoodIndex:
     version: str
     vcm_version: str
     foods: tuple[KnownFood, ...]
-    vectors: Vectors
+    examples: Vectors
     labels: NDArray[np.intp]
     specimens: tuple[str, ...]
-    layout: tuple[BlockLayout, ...]
     metric: Metric
     calibration: Calibration
     volumes_ml: Mapping[str, tuple[float, ...]]
@@ -76,7 +75,7 @@ class FoodIndex:
 
 @cache
 def shipped_index() -> FoodIndex:
-    """The index built from ECUSTFD (docs/identification.md)."""
+    """The index that tools/food_index.py built (docs/identification.md)."""
     with (_folder() / SHIPPED).open("rb") as file:
         return read_index(io.BytesIO(file.read()), shipped_foods())
 
@@ -140,24 +139,14 @@ def read_index(file: BinaryIO, known: Sequence[KnownFood]) -> FoodIndex:
         held["volume_labels"].tolist(), held["volumes_ml"].tolist(), strict=True
     ):
         sizes.setdefault(label, []).append(volume)
-    vectors = held["vectors"].astype(np.float64)
     return FoodIndex(
         version=f"{held['source']} {_digest(held)}",
         vcm_version=str(held["vcm_version"]),
         foods=tuple(by_label[label] for label in held["label_names"].tolist()),
-        vectors=vectors,
+        examples=held["examples"].astype(np.float64),
         labels=held["labels"].astype(np.intp),
         specimens=tuple(held["specimens"].tolist()),
-        layout=tuple(
-            BlockLayout(name, size, is_histogram)
-            for name, size, is_histogram in zip(
-                held["block_names"].tolist(),
-                held["block_sizes"].tolist(),
-                held["block_is_histogram"].tolist(),
-                strict=True,
-            )
-        ),
-        metric=Metric(held["centre"], held["sd"], held["weight"]),
+        metric=Metric(held["centre"], held["sd"], held["axes"].astype(np.float64)),
         calibration=Calibration(*held["calibration"].tolist()),
         volumes_ml={label: tuple(volumes) for label, volumes in sizes.items()},
     )
@@ -178,17 +167,17 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
         zlib.error,
     ) as error:
         raise ValueError(f"this is no index of foods, or a damaged one: {error}") from error
-    rows, length = held["vectors"].shape if held["vectors"].ndim == 2 else (0, 0)
+    rows, length = held["examples"].shape if held["examples"].ndim == 2 else (0, 0)
     fits = (
         rows > 0
         and held["labels"].shape == held["specimens"].shape == (rows,)
         and int(held["labels"].max()) < len(held["label_names"])
-        and held["centre"].shape == held["sd"].shape == held["weight"].shape == (length,)
-        and int(held["block_sizes"].sum()) == length
+        and held["centre"].shape == held["sd"].shape == held["axes"].shape[:1]
+        and held["axes"].shape[1:] == (length,)
         and held["calibration"].shape == (2,)
         and all(
             np.isfinite(held[name]).all()
-            for name in ("vectors", "centre", "sd", "weight", "calibration")
+            for name in ("examples", "centre", "sd", "axes", "calibration")
         )
         and bool((held["sd"] > 0.0).all())
         and held["calibration"][0] > 0.0

@@ -14,7 +14,7 @@ import numpy as np
 
 from app.identification.food_index import FoodIndex
 from app.identification.habits import Eaten, log_prior, new_food_share
-from app.identification.kernel_classifier import fit_classifier, posterior
+from app.identification.kernel_classifier import KernelClassifier, posterior
 from app.identification.metric import Vectors
 from app.identification.sizes import FoodSize, food_size, size_log_likelihood
 
@@ -65,12 +65,14 @@ class Candidate:
     """A food that it may be.
 
     name, label: of the shipped index, None for a food that was learned.
+    specimens: pieces or servings that it is known by
     """
 
     name: str | None
     label: str | None
     food_key: str
     probability: float
+    specimens: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,9 +92,10 @@ class _Known:
     name: str | None
     label: str | None
     size: FoodSize | None
+    specimens: int
 
     def candidate(self, probability: float) -> Candidate:
-        return Candidate(self.name, self.label, self.food_key, probability)
+        return Candidate(self.name, self.label, self.food_key, probability, self.specimens)
 
 
 class Identifier:
@@ -121,11 +124,11 @@ class Identifier:
         labels = np.concatenate(
             [index.labels, np.array([place[example.food_key] for example in kept], np.intp)]
         )
-        vectors = np.concatenate(
-            [index.vectors, *(example.vector.reshape(1, -1) for example in kept)]
-        )
         self._metric, self._calibration = index.metric, index.calibration
-        self._classifier = fit_classifier(index.metric.embed(vectors), labels, len(self._known))
+        examples = [index.examples]
+        if kept:
+            examples.append(self._metric.embed(np.stack([example.vector for example in kept])))
+        self._classifier = KernelClassifier(np.concatenate(examples), labels, len(self._known))
         own = [
             example for example in learned if example.is_own
         ]  # all: the kept ones have equal shares by design
@@ -149,7 +152,7 @@ class Identifier:
 
         Raises as identify.
         """
-        candidates = self.identify(vector, most=len(self._known)).candidates
+        candidates = self.identify(vector).candidates
         return [
             (candidate.probability, self._sizes[candidate.food_key])
             for candidate in candidates
@@ -157,15 +160,18 @@ class Identifier:
         ]
 
     def identify(
-        self, vector: Vectors, circumstances: Circumstances = NO_CIRCUMSTANCES, most: int = 10
+        self,
+        vector: Vectors,
+        circumstances: Circumstances = NO_CIRCUMSTANCES,
     ) -> Identification:
-        """The likeliest foods of a region. vector: (d,) of vcm_version.
+        """All foods, and how likely a region is of each.
 
-        Raises ValueError if the vector is of another length or not finite.
+        vector: (d,) of vcm_version, or (n, d) of several views of it
+
+        Raises ValueError if a vector is of another length or not finite.
         """
-        scores = self._classifier.scores(
-            self._metric.embed(np.asarray(vector, np.float64).reshape(1, -1))
-        )
+        views = self._metric.embed(np.atleast_2d(np.asarray(vector, np.float64)))
+        scores = self._classifier.scores(views).mean(axis=0, keepdims=True)
         likelihoods, none = self._calibration.log_likelihoods(scores)
         volume_ml, relative_sd = circumstances.volume_ml, circumstances.volume_relative_sd
         sizes = [size_log_likelihood(known.size, volume_ml, relative_sd) for known in self._known]
@@ -177,7 +183,7 @@ class Identifier:
         shares, none_share = posterior(
             likelihoods + np.array(sizes), none, np.array(habits), self._none_prior
         )
-        best = np.argsort(-shares[0], kind="stable")[:most]
+        best = np.argsort(-shares[0], kind="stable")
         return Identification(
             tuple(self._known[i].candidate(float(shares[0, i])) for i in best),
             float(none_share[0]),
@@ -210,16 +216,30 @@ def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> lis
 def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
     """Return the index's foods in their order, then the other learned foods."""
     volumes: dict[str, list[float]] = {}
+    specimens = Counter(example.food_key for example in learned)
+    for label, _ in set(zip(index.labels.tolist(), index.specimens, strict=True)):
+        specimens[index.foods[label].food_key] += 1
     for example in learned:
         if example.volume_ml is not None:
             volumes.setdefault(example.food_key, []).append(example.volume_ml)
     known = []
     for food in index.foods:
         pieces = [*index.volumes_ml.get(food.label, ()), *volumes.get(food.food_key, ())]
-        known.append(_Known(food.food_key, food.name, food.label, food_size(pieces)))
+        known.append(
+            _Known(
+                food.food_key,
+                food.name,
+                food.label,
+                food_size(pieces),
+                specimens[food.food_key],
+            )
+        )
     shipped = {food.food_key for food in index.foods}
     new = {example.food_key for example in learned} - shipped
-    return known + [_Known(key, None, None, food_size(volumes.get(key, ()))) for key in sorted(new)]
+    return known + [
+        _Known(key, None, None, food_size(volumes.get(key, ())), specimens[key])
+        for key in sorted(new)
+    ]
 
 
 def _version(index: FoodIndex, learned: Sequence[Example]) -> str:

@@ -3,10 +3,11 @@
 Each class's membership (1 or 0) is regressed on likeness to the examples: Saunders, Gammerman and
 Vovk, "Ridge regression learning algorithm in dual variables", ICML 1998, with the Gaussian kernel;
 for classes it is, but for its bias, the machine of Suykens and Vandewalle, "Least squares support
-vector machine classifiers", Neural Process. Lett. 9(3), 1999. It needs one linear system and no
-other training, so that confirmed items join by solving it again. A class of five examples stands
-beside one of seventy: each example's noise grows with the root of its class's size, and scores are
-raised by what a small class is known to lack.
+vector machine classifiers", Neural Process. Lett. 9(3), 1999. It is solved for each region anew,
+from its nearest examples alone (Bottou and Vapnik, "Local learning algorithms", Neural Comput.
+4(6), 1992): there is no training, and a confirmed item joins by being there. A class of five
+examples stands beside one of seventy: each example's noise grows with the root of its class's size,
+and scores are raised by what a small class is known to lack.
 
 p(class) ~ prior(class) exp(score / temperature), p(none) ~ prior(none) exp(none_score /
 temperature): temperature scaling (Guo, Pleiss, Sun and Weinberger, "On calibration of modern neural
@@ -17,35 +18,41 @@ Both numbers come with the index (build_index.py fits them).
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from app.identification.metric import Vectors, squared_distances
 
-WIDTH = 0.6  # of the kernel, exp(-WIDTH d²), where typical regions are d = 1 apart
+WIDTH = 1.0  # of the kernel, exp(-WIDTH d²), where typical regions are d = 1 apart
 RIDGE = 0.03  # the share of an example's membership that counts as noise
 MISSING = 2.0  # a class of n examples scores some n / (n + MISSING) of what it will: ECUSTFD's foods, some left out
-MOST_RAISED = 2.0  # one example says little of a class
+NEAREST = (
+    256  # examples that decide: with all of two thousand, no more foods are told (decision 0068)
+)
 
 
 @dataclass(frozen=True, slots=True)
 class KernelClassifier:
-    """examples: (n, d) embedded; coefficients: (n, classes)."""
+    """examples: (n, d) embedded, n >= 1; labels: (n,) in 0..classes - 1."""
 
     examples: Vectors
-    coefficients: Vectors
+    labels: NDArray[np.intp]
+    classes: int
 
     def scores(self, embedded: Vectors) -> Vectors:
         """(m, d) -> (m, classes): near 1 for the class whose examples are all around, near 0 far from a class's."""
-        return np.asarray(likeness(embedded, self.examples) @ self.coefficients, np.float64)
+        return np.stack([self._scores(row) for row in likeness(embedded, self.examples)])
 
-
-def fit_classifier(examples: Vectors, labels: NDArray[np.intp], classes: int) -> KernelClassifier:
-    """examples: (n, d) embedded, n >= 1; labels: (n,) in 0..classes - 1."""
-    kernel = likeness(examples, examples)
-    kernel[np.diag_indices_from(kernel)] += RIDGE * _noise(labels, classes)
-    members = np.eye(classes)[labels]
-    coefficients = np.linalg.solve(kernel, members) * _raised(labels, classes)
-    return KernelClassifier(examples, np.asarray(coefficients, np.float64))
+    def _scores(self, likely: Vectors) -> Vectors:
+        """(classes,) of one region, by its likeness to each example, (n,)."""
+        near = np.argpartition(-likely, min(NEAREST, len(likely)) - 1)[:NEAREST]
+        present, labels = np.unique(self.labels[near], return_inverse=True)
+        kernel = likeness(self.examples[near], self.examples[near])
+        kernel[np.diag_indices_from(kernel)] += RIDGE * _noise(labels)
+        shares = np.bincount(labels, scipy.linalg.solve(kernel, likely[near], assume_a="pos"))
+        scores = np.zeros(self.classes)
+        scores[present] = shares * _raised(labels)
+        return scores
 
 
 def likeness(a: Vectors, b: Vectors) -> Vectors:
@@ -53,15 +60,15 @@ def likeness(a: Vectors, b: Vectors) -> Vectors:
     return np.asarray(np.exp(-WIDTH * squared_distances(a, b)), np.float64)
 
 
-def _raised(labels: NDArray[np.intp], classes: int) -> Vectors:
+def _raised(labels: NDArray[np.intp]) -> Vectors:
     """(classes,) what each class's scores are multiplied by."""
-    counts = np.maximum(np.bincount(labels, minlength=classes), 1).astype(np.float64)
-    return np.asarray(np.minimum((counts + MISSING) / counts, MOST_RAISED), np.float64)
+    counts = np.bincount(labels).astype(np.float64)
+    return np.asarray((counts + MISSING) / counts, np.float64)
 
 
-def _noise(labels: NDArray[np.intp], classes: int) -> Vectors:
+def _noise(labels: NDArray[np.intp]) -> Vectors:
     """(n,) root of the size of each example's class, 1 on average: no class outweighs another by its number alone."""
-    roots = np.sqrt(np.bincount(labels, minlength=classes)[labels].astype(np.float64))
+    roots = np.sqrt(np.bincount(labels)[labels].astype(np.float64))
     return np.asarray(roots / roots.mean(), np.float64)
 
 

@@ -1,7 +1,8 @@
 """When two regions look alike: blocks of unlike features brought to one scale, then one distance.
 
 Measures are standardised, each by itself, and clipped, so that one odd measure cannot make a region
-unlike all others. The scale comes with the index (build_index.py fits it).
+unlike all others. Of what is left the principal axes are kept. All of it was fitted to the
+photographs of the index that ships (tools/food_index.py).
 """
 
 from dataclasses import dataclass
@@ -15,36 +16,28 @@ CLIP_SD = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class BlockLayout:
-    """A block of the vector: its size; is_histogram: else measures, each in a unit of its own."""
-
-    name: str
-    size: int
-    is_histogram: bool
-
-
-@dataclass(frozen=True, slots=True)
 class Metric:
-    """centre, sd, weight: (d,) each; sd is infinite nowhere, 1 in histograms."""
+    """centre, sd: (d,) each; sd is infinite nowhere, 1 in histograms. axes: (d, k), weighed by block."""
 
     centre: Vectors
     sd: Vectors
-    weight: Vectors
+    axes: Vectors
 
     def embed(self, vectors: Vectors) -> Vectors:
-        """(n, d) vectors -> (n, d), in which the distance is Euclid's; typical regions are 1 apart.
+        """(n, d) vectors -> (n, k), in which the distance is Euclid's; typical regions are 1 apart.
 
-        Raises ValueError for vectors of another length, or that are not finite.
+        NaN is what a region was not described by: there it is as near to one food as to another.
+        Raises ValueError for vectors of another length, or with infinite numbers.
         """
         given = np.asarray(vectors, np.float64)
         if given.ndim != 2 or given.shape[1] != len(self.centre):
             raise ValueError(
                 f"vectors of {len(self.centre)} numbers each are expected, not {given.shape}"
             )
-        if not np.isfinite(given).all():
+        if np.isinf(given).any():
             raise ValueError("a vector has a number that is not finite")
-        apart = (given - self.centre) / self.sd
-        return np.asarray(np.clip(apart, -CLIP_SD, CLIP_SD) * self.weight, np.float64)
+        apart = np.nan_to_num((given - self.centre) / self.sd, nan=0.0)
+        return np.asarray(np.clip(apart, -CLIP_SD, CLIP_SD) @ self.axes, np.float64)
 
 
 def squared_distances(a: Vectors, b: Vectors) -> Vectors:

@@ -13,6 +13,7 @@ from app.meals.estimate.save_estimate import save_estimate
 from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.run_answer import RunAnswer
+from app.vision.looks.vcm import VCM_VERSION
 
 
 def found_item(volume_ml=185.0, hint=0, **changes):
@@ -35,19 +36,22 @@ def unmeasured_item(hint=0):
     return found_item(hint=hint) | unknown
 
 
-def vcm(*numbers, version="1"):
+def vcm(*numbers, version=VCM_VERSION):
     """What an item looks like, as the child describes it."""
     return {"version": version, "vector": base64.b64encode(np.array(numbers, "<f2").tobytes()).decode()}
 
 
-def identified_item(probabilities, none=0.0, volume_ml=185.0, hint=None, **changes):
-    """An item of which the index has said what it may be, by food's key, as the worker seals it."""
+def identified_item(probabilities, none=0.0, volume_ml=185.0, hint=None, specimens=9, **changes):
+    """An item of which the index has said what it may be, by food's key, as the worker seals it.
+
+    specimens: that each food is known by.
+    """
     return found_item(
         volume_ml,
         hint,
         **{
             "vcm": vcm(0.0, 0.5, 1.0),
-            "candidates": [{"food": key, "probability": p} for key, p in probabilities.items()],
+            "candidates": [{"food": key, "probability": p, "specimens": specimens} for key, p in probabilities.items()],
             "none_probability": none,
             "index_version": "test 1",
         }

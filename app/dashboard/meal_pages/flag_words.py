@@ -40,8 +40,8 @@ FLAGS: Mapping[str, str] = {
     "reencoded": "Its file was malformed, so that its location could only be taken out by writing its picture anew. "
     "Focal length, time and orientation were kept, other metadata were not.",
     # of its food
-    "food_identified": "The server alone determined the food, with a probability of 0.8 or more. Confirm it, or choose "
-    "another.",
+    "food_identified": "The server alone determined the food, with a probability of 0.85 or more. Confirm it, or "
+    "choose another.",
     "food_doubtful": "A hint names the food, and the index gives another food 0.95 or more. The hint's food counts.",
     # of a region that was drawn
     "remeasuring": "The drawn region is being measured. Until then the former amount applies.",

@@ -31,10 +31,14 @@ class VcmAnswer(_Answer):
 
 
 class CandidateAnswer(_Answer):
-    """A food by its key, with its probability by the index or a network."""
+    """A food by its key, with its probability by the index or a network.
+
+    specimens: pieces or servings that the index knows it by; None: a network's
+    """
 
     food: str
     probability: float
+    specimens: int | None = None
 
 
 class ItemAnswer(_Answer):

@@ -1,4 +1,4 @@
-"""Visual Characterization Metrics (VCM): colour, texture and shape of a food region as one vector, versioned.
+"""What a food region looks like, as one vector, versioned: Visual Characterization Metrics (VCM) and learned features.
 
 The food table is indexed by these (TADA, step 7). Families and measures follow what TADA used: colour moments and
 histograms in CIELAB and HSV, Gabor energies, local features (Zhu et al., "The use of mobile devices in aiding dietary
@@ -18,11 +18,11 @@ import numpy as np
 from app.vision.board.colour_correction import apply_colour
 from app.vision.geometry.masks import eroded
 from app.vision.geometry.pictures import grey_of, lab_of
-from app.vision.looks import vcm_color, vcm_shape, vcm_texture
+from app.vision.looks import learned_features, vcm_color, vcm_shape, vcm_texture
 from app.vision.looks.vcm_region import Region, region_of_rings
 from app.vision.model import ColourCorrection, Float32Array, Float64Array, ImageArray, MaskArray
 
-VCM_VERSION = "1"  # changes whenever the same region may give another vector
+VCM_VERSION = "2"  # changes whenever the same region may give another vector
 
 BlockKind = Literal["histogram", "measures"]
 
@@ -51,6 +51,7 @@ class Surface:
     lab: Float32Array
 
 
+LEARNED = "learned_features"
 BLOCKS: tuple[Block, ...] = (
     Block("lab_histograms", 60, "histogram", lambda of: vcm_color.lab_histograms(of.lab[of.inner])),
     Block(
@@ -92,8 +93,16 @@ BLOCKS: tuple[Block, ...] = (
         "measures",
         lambda of: vcm_shape.radial_descriptors(of.region.mask),
     ),
+    Block(
+        LEARNED,
+        learned_features.LENGTH,
+        "histogram",
+        lambda of: learned_features.learned_features(of.region),
+    ),
 )
 LENGTH = sum(block.size for block in BLOCKS)
+# of each version that can be compared: an earlier one lacks what was added at the end
+LENGTHS = {"1": LENGTH - learned_features.LENGTH, VCM_VERSION: LENGTH}
 OUTLINE_PX = 3
 LEAST_INNER_PX = 200  # a sliver has no inside: all of it is taken
 
@@ -101,7 +110,7 @@ LEAST_INNER_PX = 200  # a sliver has no inside: all of it is taken
 def describe_rings(
     pixels_bgr: ImageArray, rings: Sequence[Float64Array], colour: ColourCorrection | None
 ) -> Float32Array | None:
-    """The VCM of the region within outlines, px, in corrected colours; None where nothing of it is in view."""
+    """The vector of the region within outlines, px, in corrected colours; None where nothing of it is in view."""
     region = region_of_rings(pixels_bgr, rings)
     if region is None:
         return None
@@ -111,7 +120,7 @@ def describe_rings(
 
 
 def describe(region: Region) -> Float32Array:
-    """(LENGTH,) float32: the region's VCM, finite. Colours are taken as they are: correct them before (color.py).
+    """(LENGTH,) float32: the region's vector, finite. Colours are taken as they are: correct them before (color.py).
 
     Raises ValueError if nothing of the region is marked, or its mask has not the size of its pixels.
     """

@@ -22,6 +22,7 @@ CUT_SIDE_PX = 64  # of a box while the food in it is told from its background, w
 CUT_ROUNDS = 2  # more of them tell foods apart no better, and take half the time of naming one
 LEAST_COVER = 0.25  # of its box: less is a highlight or a shadow, and the food was not found
 CLOSING_PX = 5
+EDGE = 0.05  # of each side of a photograph that a food fills: what lies there may be background
 SEED = 1  # of the clusters that GrabCut begins with
 LEAST_CORNERS = 3
 LEAST_VIEW_PX = 1.0  # of a region, across and down, in the photograph: less is nothing to look at
@@ -82,6 +83,20 @@ def region_of_box(pixels_bgr: ImageArray, box: Box) -> Region | None:
         return None
     crop, origin, scale = cut
     return Region(crop, _food_in_box(crop, _inner_box(crop, origin, scale, edges)))
+
+
+def regions_of_whole(pixels_bgr: ImageArray) -> tuple[Region, ...]:
+    """A food that fills its photograph: all of it, and what stands out from the photograph's edge.
+
+    Neither is the food alone, and which is nearer to it differs. Raises ValueError as region_of_box.
+    """
+    height, width = pixels_bgr.shape[:2]
+    across, down = EDGE * width, EDGE * height
+    inner = region_of_box(pixels_bgr, (across, down, width - 2 * across, height - 2 * down))
+    cut = _crop(pixels_bgr, (0.0, 0.0, float(width), float(height)))
+    if inner is None or cut is None:
+        raise ValueError("the photograph is empty")
+    return Region(cut[0], np.ones(cut[0].shape[:2], np.bool_)), inner
 
 
 def _crop(pixels_bgr: ImageArray, edges: Edges) -> tuple[ImageArray, Float64Array, float] | None:

@@ -10,6 +10,7 @@ from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Item, ItemCandidate, ItemFood
 from app.records.recompute_records import rebuild_records
+from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates
@@ -72,7 +73,7 @@ def test_candidates_are_kept_once_with_run_and_index_and_shown(meal_of, rows, cl
     assert shown(item) == [("apple", 0.5, "index"), ("pear", 0.3, "index"), ("peach", 0.1, "index")]
     assert (item["none_of_these"], item["index_version"]) == (0.1, "test 1")
     (kept,) = rows(ItemIdentification)
-    assert (kept.vcm_version, kept.index_version, kept.none_probability) == ("1", "test 1", 0.1)
+    assert (kept.vcm_version, kept.index_version, kept.none_probability) == (VCM_VERSION, "test 1", 0.1)
     assert kept.vector.hex() == "003400bc0042"  # 0.25, -1 and 3 as little-endian float16
     assert {one.run_id for one in rows(ItemCandidate)} == {kept.run_id}
     (queued,) = client.get("/v1/studies/pilot/review-queue", headers=admin).json()["items"]
@@ -96,15 +97,16 @@ def test_item_that_was_not_identified_has_a_network_s_candidates_at_most_and_kee
 
 def test_item_is_taken_for_what_it_surely_is_with_the_doubt_that_it_is_another_and_waits_else(meal_of, rows):
     meal_of(found_item(hint=0), hints=[{"point": [3, 3], "food": "apple"}])
-    for probability, food, status, flags in (
-        (0.8, "apple", "proposed", ["food_identified"]),
-        (0.799, None, "needs_review", []),
+    for probability, specimens, food, status, flags in (
+        (0.85, 3, "apple", "proposed", ["food_identified"]),
+        (0.849, 30, None, "needs_review", []),
+        (0.99, 2, None, "needs_review", []),
     ):
-        (item,) = meal_of(identified_item({"apple": probability})).items()
+        (item,) = meal_of(identified_item({"apple": probability}, specimens=specimens)).items()
         assert (item["food"] and item["food"]["key"], item["status"], item["flags"]) == (food, status, flags)
         assert (item["mass_g"] is None) == (food is None)
     known, identified = sorted(record.doubt for record in rows(EffectiveRecord) if record.food_id is not None)
-    assert 1 - identified == pytest.approx(0.8 * (1 - known))
+    assert 1 - identified == pytest.approx(0.85 * (1 - known))
 
 
 def test_one_call_confirms_what_the_index_found_or_chooses_another_and_an_amount_vouches_for_no_food(meal_of, rows):
@@ -205,7 +207,7 @@ def test_entry_comes_with_the_confirmation_follows_the_food_and_goes_with_both(m
     (entry,) = rows(IndexEntry)
     (seen,) = rows(ItemIdentification)
     (kept,) = rows(Meal)
-    assert (str(entry.item_id), entry.run_id, entry.vcm_version) == (item_id, seen.run_id, "1")
+    assert (str(entry.item_id), entry.run_id, entry.vcm_version) == (item_id, seen.run_id, VCM_VERSION)
     assert (entry.study_id, entry.participant_id) == (kept.study_id, kept.participant_id)
     assert (entry.food_key, entry.volume_ml, entry.captured_at) == ("apple", 185.0, kept.captured_at)
     assert entry.day_minute == 12 * 60 + 30  # by the clock on the wall in Shanghai

@@ -21,9 +21,11 @@ from app.meals.stored.job_models import Job
 from app.meals.stored.models import Meal
 from app.meals.stored.run_answer import RunAnswer
 from app.people.models import Study
+from app.vision.looks.vcm import LENGTHS
 from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support.estimates import answer, found_item, vcm
+from tests.support.looks import vectors_at
 from tests.support.photographs import pair
 
 pytestmark = pytest.mark.slow
@@ -48,7 +50,7 @@ def index(known):
         known,
         version="without litchis",
         foods=tuple(food for food in known.foods if food.food_key != NEW_FOOD),
-        vectors=known.vectors[kept],
+        examples=known.examples[kept],
         labels=labels - (labels > unknown),
         specimens=tuple(known.specimens[row] for row in kept),
     )
@@ -62,7 +64,8 @@ def looks(known):
         place = next(place for place, food in enumerate(known.foods) if food.food_key == food_key)
         rows = np.flatnonzero(known.labels == place)
         specimens = dict.fromkeys(known.specimens[row] for row in rows)
-        return [[known.vectors[row] for row in rows if known.specimens[row] == one] for one in specimens]
+        names = np.array(known.specimens)
+        return [list(vectors_at(known, rows[names[rows] == one])) for one in specimens]
 
     return looks
 
@@ -289,6 +292,21 @@ def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, p
     assert (identify() != first, len(made)) == (True, 2)
 
 
+def test_vector_of_an_earlier_version_still_teaches_what_it_holds(kitchen, phone, looks):
+    first, second, _ = looks(NEW_FOOD)
+    body = meal_metadata()
+    phone.post(pair(), body)
+    kitchen.children.items = [found_item(20.0, None, vcm=vcm(*first[0][: LENGTHS["1"]], version="1"))]
+    kitchen.work()
+    meal = Speaker(phone.client, phone.headers, body["id"])
+    (item,) = meal.items()
+    assert item["candidates"] == []
+    meal.say("set_food", item=item["id"], food=NEW_FOOD)
+    (item,) = kitchen.serve(phone, second[0]).items()
+    assert NEW_FOOD in keys(item)
+    assert item["index_version"].startswith("without litchis + 1 confirmed ")
+
+
 def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enrol, looks, state):
     here, there = enrol("P001", study="here"), enrol("P002", study="there")
     share(state, "there")
@@ -302,7 +320,9 @@ def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enr
     def found(most, most_recent):
         with state.database.read() as session:
             study_id = session.scalars(sa.select(Study.id).where(Study.code == "here")).one()
-            entries = entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=most_recent)
+            entries = entries_for(
+                session, study_id, LENGTHS, without_meal=uuid.uuid4(), most=most, most_recent=most_recent
+            )
         return [(entry.food_key, entry.day_minute // 60, entry.is_own) for entry in entries]
 
     assert found(2, 0) == [("litchi", 3, True), ("plum", 4, True)]
@@ -322,7 +342,9 @@ def test_bounded_entries_of_a_food_are_of_its_eaters_by_turns(kitchen, enrol, lo
         entries = [
             [
                 entry.day_minute // 60
-                for entry in entries_for(session, study_id, "1", without_meal=uuid.uuid4(), most=most, most_recent=0)
+                for entry in entries_for(
+                    session, study_id, LENGTHS, without_meal=uuid.uuid4(), most=most, most_recent=0
+                )
             ]
             for most in (1, 2, 4, 5)
         ]

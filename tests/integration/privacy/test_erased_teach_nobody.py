@@ -14,15 +14,14 @@ from tests.integration.conftest import meal_metadata
 from tests.integration.records.reviewing import Speaker
 from tests.support import estimates
 from tests.support.estimates import answer, found_item, vcm
+from tests.support.looks import vectors_of
 from tests.support.photographs import pair
 
 
 @pytest.fixture
 def looks():
     """A real vector, of a banana, which the tests say to be something that the index does not know."""
-    index = shipped_index()
-    place = next(place for place, food in enumerate(index.foods) if food.food_key == "banana")
-    return index.vectors[index.labels == place][0]
+    return vectors_of(shipped_index(), "banana")[0]
 
 
 @pytest.fixture

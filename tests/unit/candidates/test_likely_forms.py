@@ -3,29 +3,22 @@ import pytest
 
 from app.candidates.identify_photo import form_index_version, likely_forms
 from app.identification.food_index import shipped_index
+from app.vision.looks.vcm import LENGTH
+from tests.support.looks import vectors_of
 
 
-def vector_of(label):
-    """The first described region of a food in the shipped index."""
-    index = shipped_index()
-    place = [food.label for food in index.foods].index(label)
-    return index.vectors[int(np.flatnonzero(index.labels == place)[0])]
-
-
-@pytest.mark.parametrize(("label", "form"), [("orange", "whole"), ("banana", "whole"), ("bread", "slab")])
-def test_known_food_most_likely_has_its_kinds_usual_form(label, form):
-    forms = likely_forms(vector_of(label), None)
+@pytest.mark.parametrize(("food", "form"), [("orange", "whole"), ("banana", "whole"), ("bread-white", "slab")])
+def test_known_food_most_likely_has_its_kinds_usual_form(food, form):
+    forms = likely_forms(vectors_of(shipped_index(), food)[0], None)
     assert forms[form] > 0.8
     assert sum(forms.values()) <= 1.0 + 1e-9
 
 
 def test_food_like_none_of_the_index_says_little_of_its_form_and_an_unreadable_index_nothing(tmp_path):
     index = shipped_index()
-    strange = index.vectors.mean(axis=0) + 6.0 * index.metric.sd * np.where(
-        np.arange(index.vectors.shape[1]) % 2, 1, -1
-    )
+    strange = index.metric.centre + 6.0 * index.metric.sd * np.where(np.arange(LENGTH) % 2, 1, -1)
     assert sum(likely_forms(strange, None).values()) < 0.5
     damaged = tmp_path / "index.npz"
     damaged.write_bytes(b"no archive")
     assert form_index_version(damaged) is None
-    assert likely_forms(vector_of("orange"), damaged) == {}
+    assert likely_forms(strange, damaged) == {}

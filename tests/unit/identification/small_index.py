@@ -4,12 +4,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from app.identification.build_index import fit_metric
 from app.identification.food_index import FoodIndex, KnownFood
 from app.identification.kernel_classifier import Calibration
-from app.identification.metric import BlockLayout
+from tools.food_metric import BlockLayout, fit_metric
 
-LAYOUT = (BlockLayout("shares", 6, is_histogram=True), BlockLayout("measures", 4, is_histogram=False))
+LAYOUT = (BlockLayout(6, is_histogram=True, share=0.5), BlockLayout(4, is_histogram=False, share=0.5))
 LENGTH = sum(block.size for block in LAYOUT)
 LOOKS = ("apple", "bun", "egg", "plum", "tofu", "yam", "kale", "rice")
 
@@ -31,15 +30,15 @@ def small_index(
 ) -> FoodIndex:
     vectors = np.concatenate([pictures_of(look, count) for look, count in zip(looks, counts, strict=True)])
     labels = np.repeat(np.arange(len(looks)), counts)
+    metric = fit_metric(vectors, LAYOUT)
     return FoodIndex(
         version="made up",
         vcm_version="1",
         foods=tuple(KnownFood(look, look.title(), f"{look}-raw") for look in looks),
-        vectors=vectors,
+        examples=metric.embed(vectors).astype(np.float16).astype(np.float64),
         labels=labels,
         specimens=tuple(f"{looks[label]}{number // 2:03}" for number, label in enumerate(labels)),
-        layout=LAYOUT,
-        metric=fit_metric(vectors, LAYOUT),
+        metric=metric,
         calibration=Calibration(0.1, 0.4),
         volumes_ml=volumes_ml or {},
     )

@@ -38,10 +38,10 @@ def test_index_is_read_as_it_was_written(tmp_path):
     index = small_index(volumes_ml=VOLUMES)
     again = read_index(io.BytesIO(written(tmp_path, index)), index.foods)
     assert (again.vcm_version, again.foods, again.specimens) == (index.vcm_version, index.foods, index.specimens)
-    assert (again.layout, again.calibration, dict(again.volumes_ml)) == (index.layout, index.calibration, VOLUMES)
-    for name in ("centre", "sd", "weight"):
+    assert (again.calibration, dict(again.volumes_ml)) == (index.calibration, VOLUMES)
+    for name in ("centre", "sd", "axes"):
         assert np.array_equal(getattr(again.metric, name), getattr(index.metric, name))
-    assert np.array_equal(again.vectors, index.vectors)
+    assert np.array_equal(again.examples, index.examples)
     assert np.array_equal(again.labels, index.labels)
     asked = pictures_of("egg", 1, seed=9)[0]
     assert Identifier(again).identify(asked).candidates == Identifier(index).identify(asked).candidates
@@ -54,7 +54,7 @@ def test_index_is_read_as_it_was_written(tmp_path):
         {"volumes_ml": {"apple": (151.0, 180.0)}},
         {"vcm_version": "2"},
         {"specimens": ("other",) * 80},
-        {"vectors": np.zeros((80, 10))},
+        {"examples": np.zeros((80, 10))},
     ],
 )
 def test_version_changes_with_whatever_the_index_holds(tmp_path, change):
@@ -86,7 +86,7 @@ class Bomb:
 
 def test_pickle_in_an_archive_is_refused_and_not_loaded(tmp_path):
     arrays = arrays_of(written(tmp_path, small_index()))
-    for name in ("specimens", "vectors"):
+    for name in ("specimens", "examples"):
         content = archive_of(arrays | {name: np.array([Bomb()], object)})
         with pytest.raises(ValueError, match="no index of foods"):
             read_index(io.BytesIO(content), small_index().foods)
@@ -96,11 +96,12 @@ def test_pickle_in_an_archive_is_refused_and_not_loaded(tmp_path):
     ("name", "value"),
     [
         ("labels", np.full(80, 4, np.uint8)),
-        ("vectors", np.zeros((80, 9), np.float16)),
-        ("vectors", np.full((80, 10), np.nan, np.float16)),
-        ("vectors", np.zeros((0, 10), np.float16)),
+        ("examples", np.zeros((80, 9), np.float16)),
+        ("examples", np.full((80, 10), np.nan, np.float16)),
+        ("examples", np.zeros((0, 10), np.float16)),
         ("centre", np.zeros(9)),
-        ("block_sizes", np.array([6, 5], np.int32)),
+        ("axes", np.zeros((9, 10))),
+        ("axes", np.zeros((10, 9))),
         ("calibration", np.array([0.0, 0.4])),
     ],
 )

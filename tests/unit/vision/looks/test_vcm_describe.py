@@ -24,7 +24,7 @@ def test_vectors_are_those_that_indexes_of_their_version_hold_on_any_number_of_t
         cv2.setNumThreads(threads)
     assert np.array_equal(*made)
     assert made[0] == pytest.approx(kept, abs=2e-3)
-    assert (kept.shape, made[0].dtype, VCM_VERSION) == ((2, LENGTH), np.float32, "1")
+    assert (kept.shape, made[0].dtype, VCM_VERSION) == ((2, LENGTH), np.float32, "2")
     assert np.array_equal(region.pixels_bgr, before[0])
     assert np.array_equal(region.mask, before[1])
 
