@@ -137,11 +137,10 @@ def _regions(contrast: ImageArray) -> list[_Region]:
         near = np.zeros(image.shape, np.uint8)
         near[y, x] = 1
         joined = cv2.dilate(near, np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
-        labels, label, stats, _ = cv2.connectedComponentsWithStats(joined)
+        labels, label = cv2.connectedComponents(joined)
         crowd = np.bincount(label[y, x], minlength=labels)
-        crowd[0] = 0
         for place, index in enumerate(np.argsort(-crowd)[:MAX_REGIONS]):
-            left, top, width, height = (int(value) for value in stats[index, :4])
+            left, top, width, height = cv2.boundingRect((label == index).astype(np.uint8))
             box = _enlarged((left, top, width, height), 1.0 / scale, contrast.shape)
             if crowd[index] >= MIN_SADDLES and not any(
                 _is_same(box, region.box) for region in regions

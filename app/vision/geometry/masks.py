@@ -14,15 +14,18 @@ FAR_PX = 1e6  # distance from nothing
 def labelled(
     mask: MaskArray, connectivity: Literal[4, 8] = 8
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], Float64Array]:
-    """(H, W) number of each pixel's connected part, from 1 on; by number x, y, width, height, area; and the middles."""
-    _, labels, stats, middles = cv2.connectedComponentsWithStats(
-        mask.astype(np.uint8), connectivity=connectivity
+    """(H, W) number of each pixel's connected part, from 1 on; by number x, y, width, height, area; and the middles.
+
+    Of 0, what lies beside all parts, nothing is told.
+    """
+    labels = np.zeros(mask.shape, np.int32)
+    window = window_around(mask, 0)  # OpenCV would measure what lies beside the mask as well
+    _, labels[window], stats, middles = cv2.connectedComponentsWithStats(
+        mask[window].astype(np.uint8), connectivity=connectivity
     )
-    return (
-        np.asarray(labels, np.int32),
-        np.asarray(stats, np.int32),
-        np.asarray(middles, np.float64),
-    )
+    low = [window[1].start, window[0].start]
+    stats[:, :2] += low
+    return labels, np.asarray(stats, np.int32), np.asarray(middles + low, np.float64)
 
 
 def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
@@ -30,41 +33,38 @@ def without_specks(mask: MaskArray, least_px: float) -> MaskArray:
     labels, stats, _ = labelled(mask)
     kept = stats[:, cv2.CC_STAT_AREA] >= least_px
     kept[0] = False
-    return kept[labels]
+    return kept.take(labels)
 
 
 def opened(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask without what is narrower than a square of this side."""
-    return (
-        cv2.morphologyEx(
-            mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((size_px, size_px), np.uint8)
-        )
-        > 0
-    )
+    return _morphed(mask, cv2.MORPH_OPEN, size_px)
 
 
 def closed(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask with its gaps that are narrower than a square of this side."""
-    return (
-        cv2.morphologyEx(
-            mask.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((size_px, size_px), np.uint8)
-        )
-        > 0
-    )
+    return _morphed(mask, cv2.MORPH_CLOSE, size_px)
 
 
 def dilated(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask grown by a square of this side."""
-    return cv2.dilate(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0
+    return _morphed(mask, cv2.MORPH_DILATE, size_px)
 
 
 def eroded(mask: MaskArray, size_px: int) -> MaskArray:
     """The mask shrunk by a square of this side."""
-    return cv2.erode(mask.astype(np.uint8), np.ones((size_px, size_px), np.uint8)) > 0
+    return _morphed(mask, cv2.MORPH_ERODE, size_px)
+
+
+def _morphed(mask: MaskArray, operation: int, size_px: int) -> MaskArray:
+    kernel = np.ones((size_px, size_px), np.uint8)
+    return cv2.morphologyEx(mask.astype(np.uint8), operation, kernel) > 0
 
 
 def window_around(mask: MaskArray, margin_px: int) -> tuple[slice, slice]:
-    """Rows and columns of a mask that is not empty, with a margin."""
+    """Rows and columns of a mask with a margin; one pixel where it is empty."""
+    if not mask.any():
+        return slice(0, 1), slice(0, 1)
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     return (
         slice(max(0, int(rows[0]) - margin_px), min(mask.shape[0], int(rows[-1]) + 1 + margin_px)),
@@ -104,20 +104,21 @@ def distance_px(mask: MaskArray) -> Float32Array:
 
 def inward_px(mask: MaskArray, kernel: Literal[3, 5] = 5) -> Float32Array:
     """(H, W) distance to the nearest pixel beside the mask, 0 there. kernel: of OpenCV's approximation."""
-    return np.asarray(cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, kernel), np.float32)
-
-
-def inward_in(mask: MaskArray, window: tuple[slice, slice]) -> Float32Array:
-    """(H, W) inward_px of a mask that lies within the window of rows and columns, a pixel or more from its border."""
     out = np.zeros(mask.shape, np.float32)
-    out[window] = inward_px(mask[window])
+    window = window_around(mask, 1)
+    out[window] = cv2.distanceTransform(mask[window].astype(np.uint8), cv2.DIST_L2, kernel)
     return out
+
+
+def resized(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
+    """The mask's nearest pixels on a grid of this size, (width, height)."""
+    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
 
 def components(mask: MaskArray) -> list[MaskArray]:
     """Return the mask's connected parts, each (H, W)."""
-    labels, stats, _ = labelled(mask)
-    return [labels == label for label in range(1, len(stats))]
+    count, labels = cv2.connectedComponents(mask.astype(np.uint8))
+    return [labels == label for label in range(1, count)]
 
 
 def solidity(mask: MaskArray) -> float:

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from app.vision.geometry.masks import resized
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
 PATTERN_SCALES = (1.0, 0.5)
@@ -139,5 +140,5 @@ def _resized(
         return picture, mask
     size = (max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale)))
     small = np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), np.float32)
-    covered = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+    covered = resized(mask, size)
     return small, covered if covered.any() else np.ones_like(covered)

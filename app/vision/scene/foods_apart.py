@@ -19,6 +19,7 @@ from app.vision.geometry.masks import (
     inward_px,
     labelled,
     largest_part,
+    resized,
     solidity,
 )
 from app.vision.geometry.pictures import lab_bytes
@@ -136,10 +137,9 @@ class _Piece:
             np.asarray(cv2.resize(field, size, interpolation=cv2.INTER_NEAREST), np.float32)
             for field in (self._height_mm, self._distance_mm)
         )
-        small = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
         best: tuple[float, list[MaskArray]] | None = None
         reduced = _Piece(lab, height, distance, self._pixel_mm / scale)
-        for hope, halves in reduced.scored_cuts(largest_part(small))[:MAX_TRIALS]:
+        for hope, halves in reduced.scored_cuts(largest_part(resized(mask, size)))[:MAX_TRIALS]:
             if hope < THRESHOLD:
                 break
             sides = [

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import dilated, inward_in, window_around
+from app.vision.geometry.masks import dilated, inward_px, window_around
 from app.vision.geometry.mesh import Topology, faces_towards
 from app.vision.geometry.pictures import LabPicture, grey_of
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
@@ -145,7 +145,7 @@ class _Scene:
         in_pair = self._in_front(number)
         lab = self.lab[0].within(window_around(mask, LAB_MARGIN_PX))
         line = _without(snap(lab, rings, TUNING.snap_px), in_pair[0])
-        inward = inward_in(mask, window)
+        inward = inward_px(mask)
         seen_parallax = self.disparity.parallax_px[window]
         measured = np.argwhere(
             np.isfinite(seen_parallax) & (inward[window] > self.disparity.reach_px[window])

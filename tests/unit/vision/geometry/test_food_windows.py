@@ -1,8 +1,9 @@
 """Pictures and masks that are worked on within a window are there what the whole ones are."""
 
+import cv2
 import numpy as np
 
-from app.vision.geometry.masks import inward_in, inward_px, window_around
+from app.vision.geometry.masks import inward_px
 from app.vision.geometry.pictures import LabPicture, lab_of
 from app.vision.views.reconstruction import plane_points
 from app.vision.views.rectification import rectify_by_poses
@@ -22,10 +23,12 @@ def test_lab_within_a_window_is_that_of_the_whole_picture():
     assert np.array_equal(both[WINDOW], lab_of(image)[WINDOW])
 
 
-def test_distance_inward_within_a_window_is_that_of_the_whole_mask():
+def test_distance_inward_is_that_of_the_whole_picture():
     mask = np.zeros((120, 160), np.bool_)
     mask[40:85, 30:120], mask[60:64, 50:54] = True, False
-    assert np.array_equal(inward_in(mask, window_around(mask, 2)), inward_px(mask))
+    whole = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
+    assert np.array_equal(inward_px(mask), whole)
+    assert not inward_px(np.zeros_like(mask)).any()
 
 
 def test_points_of_the_plane_within_a_window_are_those_of_the_whole_grid():
