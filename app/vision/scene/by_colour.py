@@ -19,6 +19,7 @@ from app.vision.geometry.masks import (
     inward_px,
     largest_part,
     opened,
+    resized,
     touching,
     without_specks,
 )
@@ -27,7 +28,7 @@ from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
     UNSEEN,
-    colour_bins,
+    byte_bins,
     colour_evidence,
     colour_histogram,
     contrast_features,
@@ -179,7 +180,7 @@ def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
     height, width = bare.shape
     scale = min(1.0, SIDE_PX / max(height, width))
     size = (max(8, round(width * scale)), max(8, round(height * scale)))
-    small_bare, small_within = (_resized(mask, size) for mask in (bare, within))
+    small_bare, small_within = (resized(mask, size) for mask in (bare, within))
     image = np.asarray(cv2.resize(scene.image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
     things = _unlike_small(
         image, small_bare, small_within, MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2
@@ -188,10 +189,6 @@ def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
         cv2.resize(things.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
     )
     return np.asarray(whole & within, np.bool_)
-
-
-def _resized(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
-    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
 
 
 def _unlike_small(
@@ -203,7 +200,7 @@ def _unlike_small(
         return nothing
     image, bare = _evenly_lit(image_bgr, bare, within)
     lab = lab_bytes(image)
-    bins, shaded = colour_bins(lab), shaded_bins(image)
+    bins, shaded = byte_bins(image), shaded_bins(image)
     features = contrast_features(lab)
     features[~within] = np.median(
         features[within], axis=0
@@ -408,7 +405,7 @@ def _fit_rectangle(outline: Float64Array, view: TopView) -> _Outline | None:
         abs(cv2.pointPolygonTest(contour, (float(x), float(y)), measureDist=True))
         for x, y in outline
     ]
-    places = view.cells_px(corners)
+    places = view.cells_px(corners[None])[0]
     picture = np.zeros(view.height_mm.shape, np.uint8)
     cv2.fillConvexPoly(picture, np.rint(places).astype(np.int32), 1)
     inside = picture > 0

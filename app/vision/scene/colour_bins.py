@@ -29,14 +29,15 @@ def contrast_features(
     in yellow. Without them, or where they hardly differ, along the direction of most chroma.
     """
     chroma = lab[..., 1:] - 128.0
-    axis = np.linalg.eigh(np.cov(chroma.reshape(-1, 2).T) + np.eye(2) * 1e-6)[1][:, 1]
+    spread = np.cov(np.ascontiguousarray(chroma.reshape(-1, 2).T))
+    axis = np.linalg.eigh(spread + np.eye(2) * 1e-6)[1][:, 1]
     if sides is not None:
         apart = chroma[sides[0]].mean(axis=0) - chroma[sides[1]].mean(axis=0)
         length = float(np.hypot(*apart))
         axis = apart / length if length > MIN_CHROMA_APART else axis
-    along = chroma @ axis
-    channels = [LIGHT_WEIGHT * lab[..., 0], np.clip(128.0 + CHROMA_GAIN * along, 0, 255)]
-    return np.stack(channels, axis=-1).astype(np.uint8)
+    a, b = CHROMA_GAIN * axis
+    weights = np.array([[LIGHT_WEIGHT, 0.0, 0.0, 0.0], [0.0, a, b, 128.0 * (1.0 - a - b)]])
+    return np.clip(cv2.transform(lab, weights), 0, 255).astype(np.uint8)
 
 
 def fine_texture(image_bgr: ImageArray) -> Float32Array:
@@ -71,19 +72,18 @@ def colour_bins(lab: Float32Array) -> NDArray[np.int64]:
 def byte_bins(image_bgr: ImageArray) -> NDArray[np.int64]:
     """(H, W) colour_bins of a picture in bytes, by tables of what each byte's share of the index is."""
     lab = cv2.cvtColor(image_bgr, cv2.COLOR_BGR2LAB)
-    by_lightness, by_a, by_b = _byte_tables()
-    return np.asarray(by_lightness[lab[..., 0]] + by_a[lab[..., 1]] + by_b[lab[..., 2]], np.int64)
+    return np.asarray(cv2.transform(cv2.LUT(lab, _byte_tables()), np.ones((1, 3))), np.int64)
 
 
 @cache
-def _byte_tables() -> NDArray[np.int64]:
-    """(3, 256) what each byte of L*, a* and b* adds to the index; of a* and b*, beyond what grey adds."""
+def _byte_tables() -> Float32Array:
+    """(1, 256, 3) what each byte of L*, a* and b* adds to the index; of a* and b*, beyond what grey adds."""
     steps = np.full((3, 256, 3), 128.0, np.float32)
     for axis in range(3):
         steps[axis, :, axis] = np.arange(256)
     tables = colour_bins(steps)
     tables[1:] -= tables[1:, 128:129]
-    return tables
+    return np.ascontiguousarray(tables.T[None], np.float32)
 
 
 def shaded_bins(image_bgr: ImageArray) -> list[NDArray[np.int64]]:

@@ -12,7 +12,7 @@ from app.vision.geometry.masks import dilated, distance_px, eroded, largest_part
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import (
-    colour_bins,
+    byte_bins,
     colour_evidence,
     colour_histogram,
     contrast_features,
@@ -41,7 +41,7 @@ class Palette:
 def palette_of(image_bgr: ImageArray) -> Palette:
     """Return the palette of a picture, for all cuts of it."""
     lab = lab_bytes(image_bgr)
-    return Palette(colour_bins(lab), shaded_bins(image_bgr), contrast_features(lab))
+    return Palette(byte_bins(image_bgr), shaded_bins(image_bgr), contrast_features(lab))
 
 
 def cut_around(

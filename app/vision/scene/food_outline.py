@@ -19,7 +19,7 @@ from app.vision.geometry.masks import (
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
-    colour_bins,
+    byte_bins,
     colour_evidence,
     colour_histogram,
     contrast_features,
@@ -95,7 +95,7 @@ def _recut(
     window = window_around(mask, margin)
     image = np.ascontiguousarray(scene.image_bgr[window])
     lab = lab_bytes(image)
-    bins = colour_bins(lab)
+    bins = byte_bins(image)
     shaded = shaded_bins(image)
     is_never = others[window] | scene.is_ignored[window]
     place = _signed_depth_px(mask[window]) * scene.pixel_mm

@@ -15,13 +15,14 @@ from app.vision.geometry.masks import (
     components,
     distance_px,
     inward_px,
+    resized,
     touching,
     window_around,
 )
 from app.vision.geometry.pictures import lab_bytes
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import (
-    colour_bins,
+    byte_bins,
     colour_histogram,
     contrast_features,
     shaded_bins,
@@ -77,10 +78,10 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     scale = min(1.0, SIDE_PX / max(shape))
     size = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
     roi, band, sure, core, deep = (
-        _reduced(mask[window], size)
+        resized(mask[window], size)
         for mask in (place.may_be_food, place.shows_dish, place.is_sure, whole_core, whole_deep)
     )
-    is_ignored = _reduced(scene.is_ignored[window], size)
+    is_ignored = resized(scene.is_ignored[window], size)
     image = np.asarray(
         cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8
     )
@@ -96,7 +97,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
         is_flat |= np.abs(height - np.float32(place.floor_mm)) < FLAT_MM
     is_flat &= is_fine & is_measured & (distance_px(sure) > 3)
     texture = cv2.resize(scene.texture[window], size, interpolation=cv2.INTER_AREA)
-    bins = colour_bins(lab)
+    bins = byte_bins(image)
     texture_bins = np.clip(np.log2(texture + 0.25) * 4 + 8, 0, 31).astype(np.int64)
     features = contrast_features(lab)
 
@@ -142,7 +143,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
         cv2.resize(is_food.astype(np.float32), shape, interpolation=cv2.INTER_LINEAR) > 0.5
     )
     whole_gaps = np.zeros_like(out)
-    whole_gaps[window] = _reduced(gaps, shape)
+    whole_gaps[window] = resized(gaps, shape)
     return FoodPixels(out & ~scene.is_ignored, whole_core, whole_gaps)
 
 
@@ -193,7 +194,3 @@ def _texture_ratio(bins: NDArray[np.int64], food: MaskArray, others: MaskArray) 
     ]
     ratio = np.log((smooth[0] + 0.01) / (smooth[1] + 0.01))[bins]
     return np.asarray(np.clip(ratio, -TEXTURE_LIMIT_NATS, TEXTURE_LIMIT_NATS), np.float32)
-
-
-def _reduced(mask: MaskArray, size: tuple[int, int]) -> MaskArray:
-    return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
