@@ -70,6 +70,11 @@ def reduce_by(image: ImageArray, factor: int) -> ImageArray:
     )
 
 
+def scaled_and_shifted(places: Float32Array, scale: float, shift: Float64Array) -> Float32Array:
+    """(H, W, 2) scale * places + shift; NumPy takes fifty times as long to add the few numbers of each place."""
+    return np.asarray(cv2.transform(places, np.column_stack([scale * np.eye(2), shift])))
+
+
 def sampled(
     image: np.ndarray,
     places_px: Float32Array | Float64Array,

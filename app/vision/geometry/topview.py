@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.vision.geometry.masks import dilated
+from app.vision.geometry.pictures import scaled_and_shifted
 from app.vision.model import Float32Array, Float64Array, MaskArray
 
 CELL_MM = 3.0
@@ -54,9 +55,12 @@ class TopView:
     count: NDArray[np.int64]
 
     def cells_px(self, xy_mm: Float64Array | Float32Array) -> Float32Array:
-        """(..., 2) mm -> (..., 2) column and row, a cell's centre being whole."""
-        shift = (self.origin_mm / self.cell_mm + 0.5).astype(np.float32)
-        return np.asarray(xy_mm, np.float32) * np.float32(1.0 / self.cell_mm) - shift
+        """(H, W, 2) mm -> (H, W, 2) column and row, a cell's centre being whole."""
+        return scaled_and_shifted(
+            np.asarray(xy_mm, np.float32),
+            1.0 / self.cell_mm,
+            -self.origin_mm / self.cell_mm - 0.5,
+        )
 
     def centres_mm(self) -> Float64Array:
         """(rows, columns, 2) x, y of the cells' centres, mm."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from app.vision.geometry.pictures import scaled_and_shifted
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 
 # of the scene's grid: a window's reach up to which a height is that of its pixel
@@ -38,8 +39,9 @@ class Scene:
     ) -> Float32Array:
         """Return where each pixel's ray meets the plane of this height, (h, w, 2) mm. window: rows, columns."""
         share = (self.camera_mm[2] - height_mm) / self.camera_mm[2]
-        foot = self.camera_mm[:2].astype(np.float32)
-        return foot + np.float32(share) * (self.plane_xy_mm[window] - foot)
+        return scaled_and_shifted(
+            self.plane_xy_mm[window], share, (1.0 - share) * self.camera_mm[:2]
+        )
 
     def distance_mm(self, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
         """(h, w) from the camera to what a pixel shows; NaN where unmeasured. window: rows, columns."""
