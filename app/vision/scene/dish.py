@@ -34,6 +34,7 @@ OUTSIDE_MM = (
 INSIDE_MM = 12.0  # within the rim
 DEEP_MM = 30.0  # within the rim, where a plate lies lower than half its rim's height
 RISE_MM = 3.0
+HIGHER_MM = 2 * RISE_MM  # over a level: no part of it
 SECTORS = 48
 MIN_COVER = 0.55  # of the sectors in which the rim is seen
 MIN_WALL_CELLS = 4  # of some 30 that a sector has outside: fewer are noise
@@ -84,7 +85,8 @@ class Dish:
 
     def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
         """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
-        cells = np.nan_to_num(view.cells_px(xy_mm), nan=-1e4)
+        cells = view.cells_px(xy_mm)
+        cv2.patchNaNs(cells, -1e4)
         return np.asarray(sampled(self.inward_mm, cells, beyond=-100.0), np.float32)
 
 
@@ -102,10 +104,13 @@ class _Ring:
     def circle(self) -> tuple[float, float, float]:
         return self.x_mm, self.y_mm, self.radius_mm
 
-    def offsets(self, view: TopView) -> tuple[Float64Array, Float64Array]:
-        """(rows, columns, 2) mm of the cells from the centre, and (rows, columns) mm inward from the circle."""
-        delta = view.centres_mm() - [self.x_mm, self.y_mm]
-        return delta, self.radius_mm - np.hypot(delta[..., 0], delta[..., 1])
+    def near(self, cells: Float64Array) -> tuple[Float64Array, Float64Array]:
+        """(m, 3) those of the cells (n, 3) that lie on the ring or within it, and (4, m) where, see _apart."""
+        reach_mm = self.radius_mm + ON_RIM_MM
+        is_near = np.abs(cells[:, 0] - self.x_mm) < reach_mm
+        is_near &= np.abs(cells[:, 1] - self.y_mm) < reach_mm
+        plane = np.array([self.height_mm, *self.slope])
+        return cells[is_near], _apart(cells[is_near], self.x_mm, self.y_mm, plane)
 
     def holds(self, other: "_Ring") -> bool:
         """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
@@ -166,17 +171,20 @@ def _find_round(
     view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
 ) -> Dish | None:
     raised = _raised(view, is_solid, noise_mm)
-    cells = np.column_stack([view.centres_mm()[raised], view.height_mm[raised]])
+    edge = raised & _is_edge(view, raised)
+    places = view.centres_mm()
+    cells, at_edge, solid = (
+        np.asfortranarray(np.column_stack([places[chosen], view.height_mm[chosen]]))
+        for chosen in (raised, edge, is_solid)
+    )
     if len(cells) < SECTORS // 2:
         return None
-    edge = raised & _is_edge(view, raised)
-    at_edge = np.column_stack([view.centres_mm()[edge], view.height_mm[edge]])
     rims: list[tuple[float, _Ring]] = []
     for ring in _candidates(cells, cells, rng) + _candidates(at_edge, cells, rng):
         if ring.cover < MIN_COVER or ring.edge_cover < MIN_EDGE_COVER:
             continue
-        is_flank = _climbing_share(view, is_solid, ring) > MAX_CLIMBING
-        if not is_flank and not _is_flat_top(view, is_solid, ring):
+        is_flank = _climbing_share(solid, ring) > MAX_CLIMBING
+        if not is_flank and not _is_flat_top(solid, view.cell_mm, ring):
             merit = ring.cover + ring.edge_cover + ring.radius_mm / (2 * RADII_MM[1])
             rims.append((merit - SLOPE_WEIGHT * float(np.hypot(*ring.slope)), ring))
     if not rims:
@@ -187,7 +195,7 @@ def _find_round(
         (rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0]
     )[1]
     centre = np.array([ring.x_mm, ring.y_mm])
-    inward = ring.radius_mm - np.linalg.norm(view.centres_mm() - centre, axis=-1)
+    inward = ring.radius_mm - np.linalg.norm(places - centre, axis=-1)
     dish = _with_floor(
         inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm
     )
@@ -279,7 +287,7 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
     levels = heights.astype(np.float32)[:, None]
     dx = near[None, :, 0] - circles[:, :1]
     dy = near[None, :, 1] - circles[:, 1:2]
-    beyond = np.hypot(dx, dy) - circles[:, 2:]
+    beyond = np.sqrt(dx * dx + dy * dy) - circles[:, 2:]
     over = near[None, :, 2] - levels - tilts[:, :1] * dx - tilts[:, 1:] * dy
     on_rim = (np.abs(beyond) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     hits = _sectors_of(on_rim, dx, dy)
@@ -307,9 +315,10 @@ def _candidates(cells: Float64Array, every: Float64Array, rng: np.random.Generat
 
 def _sectors_of(chosen: MaskArray, dx_mm: Float32Array, dy_mm: Float32Array) -> MaskArray:
     """(n, SECTORS) directions in which a ring has a chosen cell, (n, m), each so far from the ring's centre."""
-    ring, cell = np.nonzero(chosen)
+    index = np.flatnonzero(chosen)
     has_cell = np.zeros((len(chosen), SECTORS), np.bool_)
-    has_cell[ring, sector_of(dx_mm[ring, cell], dy_mm[ring, cell], SECTORS)] = True
+    sector = sector_of(dx_mm.ravel()[index], dy_mm.ravel()[index], SECTORS)
+    has_cell[index // chosen.shape[1], sector] = True
     return has_cell
 
 
@@ -334,9 +343,7 @@ def _refined(
     """
     x, y, radius = circle
     for _ in range(REFINEMENTS):
-        delta = cells[:, :2] - [x, y]
-        distance = np.hypot(delta[:, 0], delta[:, 1])
-        over = cells[:, 2] - plane[0] - delta @ plane[1:]
+        _, _, distance, over = _apart(cells, x, y, plane)
         near = (np.abs(distance - radius) < 1.2 * ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
         if np.count_nonzero(near) < SECTORS // 4:
             return None
@@ -348,15 +355,15 @@ def _refined(
         plane = np.linalg.lstsq(levels, on_rim[:, 2], rcond=None)[0]
     if not RADII_MM[0] < radius < RADII_MM[1] or np.hypot(plane[1], plane[2]) > MAX_SLOPE:
         return None
-    delta = every[:, :2] - [x, y]
-    distance = np.hypot(delta[:, 0], delta[:, 1])
-    over = every[:, 2] - plane[0] - delta @ plane[1:]
-    sector = sector_of(delta[:, 0], delta[:, 1], SECTORS)
+    dx, dy, distance, over = _apart(every, x, y, plane)
     is_rim = (np.abs(distance - radius) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_outside = (distance > radius + OUTSIDE_MM[0]) & (distance < radius + OUTSIDE_MM[1])
-    is_high = over > -SAME_HEIGHT_MM
-    seen = np.bincount(sector[is_rim], minlength=SECTORS) > 0
-    walled = np.bincount(sector[is_outside & is_high], minlength=SECTORS) >= MIN_WALL_CELLS
+    is_wall = is_outside & (over > -SAME_HEIGHT_MM)
+    rims, walls = (
+        np.bincount(sector_of(dx[chosen], dy[chosen], SECTORS), minlength=SECTORS)
+        for chosen in (is_rim, is_wall)
+    )
+    seen, walled = rims > 0, walls >= MIN_WALL_CELLS
     return _Ring(
         float(x),
         float(y),
@@ -368,13 +375,20 @@ def _refined(
     )
 
 
-def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
+def _apart(cells: Float64Array, x_mm: float, y_mm: float, plane: Float64Array) -> Float64Array:
+    """(4, n) mm along x and y, straight, and up of cells (n, 3) from a place on a plane, see _refined."""
+    x, y, height = cells.T
+    dx, dy = x - x_mm, y - y_mm
+    over = height - plane[0] - plane[1] * dx - plane[2] * dy
+    return np.stack([dx, dy, np.sqrt(dx * dx + dy * dy), over])
+
+
+def _climbing_share(solid: Float64Array, ring: _Ring) -> float:
     """Share of the sectors in which the rim is seen where the surface climbs on within: a circle around three foods."""
-    delta, inward = ring.offsets(view)
-    sector = sector_of(delta[..., 0], delta[..., 1], SECTORS)
-    over = view.height_mm - ring.height_mm - delta @ np.array(ring.slope)
-    within = is_solid & (inward > ON_RIM_MM) & (inward < INSIDE_MM)
-    on_rim = is_solid & (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
+    _, (x, y, distance, over) = ring.near(solid)
+    sector, inward = sector_of(x, y, SECTORS), ring.radius_mm - distance
+    within = (inward > ON_RIM_MM) & (inward < INSIDE_MM)
+    on_rim = (np.abs(inward) < ON_RIM_MM) & (np.abs(over) < SAME_HEIGHT_MM)
     is_higher = within & (over > RISE_MM)
     seen, measured, higher = (
         np.bincount(sector[chosen], minlength=SECTORS) for chosen in (on_rim, within, is_higher)
@@ -383,17 +397,17 @@ def _climbing_share(view: TopView, is_solid: MaskArray, ring: _Ring) -> float:
     return float(climbs.mean()) if climbs.size else 0.0
 
 
-def _is_flat_top(view: TopView, is_solid: MaskArray, ring: _Ring) -> bool:
+def _is_flat_top(solid: Float64Array, cell_mm: float, ring: _Ring) -> bool:
     """Return whether a circle lies in the flat top of a block; food stands on a board's top."""
-    apart, inward = ring.offsets(view)
+    cells, (_, _, distance, over) = ring.near(solid)
+    inward = ring.radius_mm - distance
     area_mm2 = np.pi * ring.radius_mm**2
     is_large = area_mm2 >= MIN_SLAB_MM2
-    standing = _higher(view, is_solid, ring.height_mm) & (inward > 0)
-    is_board = is_large and np.count_nonzero(standing) * view.cell_mm**2 >= MIN_STANDING * area_mm2
-    inside = is_solid & (inward > OUTSIDE_MM[0])
-    if is_board or not inside.any():
+    standing = (cells[:, 2] > ring.height_mm + HIGHER_MM) & (inward > 0)
+    is_board = is_large and np.count_nonzero(standing) * cell_mm**2 >= MIN_STANDING * area_mm2
+    over_rim = over[inward > OUTSIDE_MM[0]]
+    if is_board or not len(over_rim):
         return False
-    over_rim = view.height_mm[inside] - ring.height_mm - apart[inside] @ np.array(ring.slope)
     # A slice of bread has no level top; a saucer's inside lies lower than the rim.
     is_top = np.abs(over_rim) < RISE_MM if is_large else over_rim > -RISE_MM
     return float(np.mean(is_top)) > LEVEL_SHARE
@@ -410,7 +424,7 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         level = commonest(view.height_mm[cluster], SAME_HEIGHT_MM)
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
-        higher = _higher(view, is_solid, level)
+        higher = is_solid & (view.height_mm > level + HIGHER_MM)
         at_level &= (
             cv2.dilate(higher.astype(np.uint8), link) == 0
         )  # without flanks of what stands on it, or beside it
@@ -432,11 +446,6 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
             continue
         best = area, _with_floor(inward, level, view, is_solid)
     return best[1] if best else None
-
-
-def _higher(view: TopView, is_solid: MaskArray, level_mm: float) -> MaskArray:
-    """(rows, columns) cells that are clearly higher than a level."""
-    return is_solid & (view.height_mm > level_mm + 2 * RISE_MM)
 
 
 def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:

@@ -10,5 +10,5 @@ def sector_of(
     x: Float32Array | Float64Array, y: Float32Array | Float64Array, sectors: int
 ) -> NDArray[np.int64]:
     """Return the sector, 0 to sectors - 1, in which each offset (x, y) from the middle lies."""
-    turn = (np.arctan2(y, x) / (2 * np.pi) + 1.0) % 1.0
+    turn = np.arctan2(y, x) / (2 * np.pi) + 1.0
     return np.asarray((turn * sectors).astype(np.int64) % sectors, np.int64)
