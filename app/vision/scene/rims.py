@@ -4,6 +4,7 @@ Both rectified views -> circles (centre, radius, height). Dense parallax misses 
 their edges do not: seen from above at its own height, a horizontal circle is the same circle in both views.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +25,7 @@ HEIGHTS_MM = (20.0, 170.0)  # lower circles are plates, saucers and what is prin
 HEIGHT_STEP_MM = 6.0  # of the search; starts of neighbouring heights reach the same rim
 RADII_MM = (24.0, 140.0)
 RADIUS_STEP_MM = 2.5
+BEYOND_CELLS = math.ceil(RADII_MM[1] / CELL_MM / 2) + 1  # around the searched centres: other votes
 SAME_DIRECTION = 0.9  # cosine between the views' gradients at one place
 LEAST_STEP = 5.0  # grey levels over a cell, of an edge
 MIN_VOTES = 0.22  # of a circle's cells, in the search
@@ -208,29 +210,24 @@ def _vote(
     places = np.column_stack([columns, rows]) * CELL_MM + corner_mm
     forward, camera = sight.pair.rotation[2], sight.pair.first_centre_mm
     before = (places - camera[:2]) @ forward[:2] + (height_mm - camera[2]) * forward[2] > NEAR_MM
-    rows, columns, (towards_x, towards_y) = rows[before], columns[before], towards[before].T
-    if len(rows) < 20:
-        return []
+    rows, columns = rows[before], columns[before]
     half = side // 2  # centres are counted in cells of twice the width
-    x, y = columns.astype(np.float32) / 2, rows.astype(np.float32) / 2
-    step_x, step_y = towards_x.astype(np.float32) / 2, towards_y.astype(np.float32) / 2
+    wide = half + 2 * BEYOND_CELLS
+    one_way = towards[before].T[::-1] / 2
+    both_ways = np.hstack([one_way, -one_way]).astype(np.float32)
+    edges = np.tile([rows, columns], 2).astype(np.float32) / 2 + BEYOND_CELLS
     out = []
     for radius in np.arange(*RADII_MM, RADIUS_STEP_MM).tolist():
         reach = radius / CELL_MM
-        shift_x, shift_y = step_x * np.float32(reach), step_y * np.float32(reach)
-        at_x, at_y = (
-            np.concatenate([x + shift_x, x - shift_x]),
-            np.concatenate([y + shift_y, y - shift_y]),
-        )
-        inside = (at_x >= 0) & (at_x < half) & (at_y >= 0) & (at_y < half)
-        in_row, in_column = (at[inside].astype(np.int32) for at in (at_y, at_x))
         least = MIN_VOTES * 2 * np.pi * reach
-        if _most_in_blocks(in_row, in_column, half) < least:
+        if len(rows) < least:
+            break
+        in_row, in_column = (edges + np.float32(reach) * both_ways).astype(np.int64)
+        if _most_in_blocks(in_row, in_column, wide) < least:
             continue
-        votes = np.bincount(in_row * half + in_column, minlength=half * half)
-        share = cv2.blur(votes.astype(np.float32).reshape(half, half), (3, 3)) * np.float32(
-            9 * MIN_VOTES / least
-        )
+        votes = np.bincount(in_row * wide + in_column, minlength=wide * wide).reshape(wide, wide)
+        votes = votes[BEYOND_CELLS:-BEYOND_CELLS, BEYOND_CELLS:-BEYOND_CELLS]
+        share = cv2.blur(votes.astype(np.float32), (3, 3)) * np.float32(9 * MIN_VOTES / least)
         for _ in range(3):
             _, best, _, place = cv2.minMaxLoc(share)
             if best < MIN_VOTES:
@@ -241,12 +238,11 @@ def _vote(
     return out
 
 
-def _most_in_blocks(rows: NDArray[np.int32], columns: NDArray[np.int32], side: int) -> int:
+def _most_in_blocks(rows: NDArray[np.int64], columns: NDArray[np.int64], side: int) -> int:
     """The most votes in four neighbouring blocks of 4 x 4 cells: no 3 x 3 cells have more. side: of the grid, cells."""
     blocks = side // 4 + 2
-    counts = np.bincount((rows // 4) * blocks + columns // 4, minlength=blocks * blocks).reshape(
-        blocks, blocks
-    )
+    counts = np.bincount((rows >> 2) * blocks + (columns >> 2), minlength=blocks * blocks)
+    counts = counts.reshape(blocks, blocks)
     pairs = counts[1:] + counts[:-1]
     return int((pairs[:, 1:] + pairs[:, :-1]).max())
 
