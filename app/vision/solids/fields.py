@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import window_around
-from app.vision.geometry.mesh import IntArray
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.solids.outline_snap import STEP_PX, Outline
 from app.vision.tuning import TUNING
@@ -18,30 +17,34 @@ from app.vision.tuning import TUNING
 
 @dataclass(frozen=True, slots=True)
 class OutlineField:
-    """An outline in a window of a view. distance_px: (h, w) signed, positive outside. weight: (h, w) of the outline.
+    """An outline in a window of a view, (2, h, w): its signed distance, px, positive outside, and its weight.
 
     origin: (2,) x, y of the window's first pixel. length_px: of the outline, by its weight.
     """
 
-    distance_px: Float32Array
-    weight: Float32Array
+    distance_and_weight: Float32Array
     origin: Float64Array
     length_px: float
 
     def at(self, pixels: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """(n,) distance, (n, 2) its derivative by the place, and (n,) weight, at (n, 2) px."""
-        height, width = self.distance_px.shape
+        height, width = self.distance_and_weight.shape[1:]
         within = pixels - self.origin
         inside = np.clip(within, 0.0, [width - 1.001, height - 1.001])
-        corners, shares, (x, y) = _around(inside)
-        here, right, below, across = (self.distance_px[corner] for corner in corners)
-        upper, lower = here + x * (right - here), below + x * (across - below)
-        slope = np.column_stack([(1 - y) * (right - here) + y * (across - below), lower - upper])
+        corners, shares, (x, y) = _around(inside, self.distance_and_weight)
+        here, right, below, across = corners[0]
+        slope = np.column_stack(
+            [
+                (1 - y) * (right - here) + y * (across - below),
+                below - here + x * (across - right - below + here),
+            ]
+        )
         beyond = within - inside
         apart = np.sqrt((beyond**2).sum(axis=1))
         is_beyond = apart > 0
         slope[is_beyond] = beyond[is_beyond] / apart[is_beyond, None]
-        return upper + y * (lower - upper) + apart, slope, _between(self.weight, corners, shares)
+        distance, weight = np.einsum("kn,ckn->cn", shares, corners)
+        return distance + apart, slope, weight
 
 
 def outline_field(line: Outline) -> OutlineField:
@@ -69,11 +72,12 @@ def outline_field(line: Outline) -> OutlineField:
     beside = np.maximum(along - np.float32(STEP_PX / 2), 0)
     distance = np.copysign(np.hypot(outward, beside), outward)
     weight = line.weights.astype(np.float32)[point]
+    smooth = [
+        cv2.blur(picture, (side, side))
+        for picture, side in ((distance, TUNING.smooth_px), (weight, TUNING.smooth_weight_px))
+    ]
     return OutlineField(
-        np.asarray(cv2.blur(distance, (TUNING.smooth_px, TUNING.smooth_px)), np.float32),
-        np.asarray(
-            cv2.blur(weight, (TUNING.smooth_weight_px, TUNING.smooth_weight_px)), np.float32
-        ),
+        np.stack(smooth),
         low,
         STEP_PX * float(line.weights.sum()),
     )
@@ -83,15 +87,13 @@ def outline_field(line: Outline) -> OutlineField:
 class ParallaxField:
     """Parallax in a window of the grid, averaged over a few pixels; where less is known, over fewer.
 
-    known: (h, w) share of those pixels that is known. value_px, sd_px: (h, w) that share times the mean of what is
-    known, so that what is not known has no part in a place between the pixels.
+    pictures: (3, h, w) the parallax, its sd, and the share of those pixels that is known; the first two, px, are that
+    share times the mean of what is known, so that what is not known has no part in a place between the pixels.
     area_px: over which errors are one. known_px: area that could be measured. origin: (2,) x, y of the window's first
     pixel. is_measurement: the sd is of the measurement alone: what the food itself departs from its form comes on top.
     """
 
-    value_px: Float32Array
-    sd_px: Float32Array
-    known: Float32Array
+    pictures: Float32Array
     area_px: float
     known_px: float
     origin: tuple[int, int]
@@ -99,14 +101,11 @@ class ParallaxField:
 
     def at(self, pixels: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
         """(n,) value, its sd and how far it is known, 0 to 1, at (n, 2) px."""
-        height, width = self.value_px.shape
+        height, width = self.pictures.shape[1:]
         place = pixels - self.origin
         is_inside = np.all((place >= 0) & (place < [width - 1, height - 1]), axis=1)
-        corners, shares, _ = _around(np.where(is_inside[:, None], place, 0.0))
-        value, sd, known = (
-            _between(picture, corners, shares)
-            for picture in (self.value_px, self.sd_px, self.known)
-        )
+        corners, shares, _ = _around(np.where(is_inside[:, None], place, 0.0), self.pictures)
+        value, sd, known = np.einsum("kn,ckn->cn", shares, corners)
         least = np.maximum(known, 1e-6)
         sd = np.maximum(sd / least, TUNING.least_sd_px)
         return value / least, sd, np.minimum(2 * known, 1.0) * is_inside
@@ -132,13 +131,14 @@ def parallax_field(
     rows, columns = window_around(is_known, TUNING.averaged_px)
     is_known = is_known[rows, columns]
 
-    def known_part(picture: Float32Array) -> Float32Array:
-        return _averaged(np.where(is_known, picture[rows, columns], np.float32(0)))
-
+    own = [parallax_px[rows, columns], sd_px[rows, columns], np.ones_like(is_known, np.float32)]
+    side = (TUNING.averaged_px, TUNING.averaged_px)
+    averaged = [
+        cv2.blur(np.where(is_known, each, np.float32(0)), side, borderType=cv2.BORDER_CONSTANT)
+        for each in own
+    ]
     return ParallaxField(
-        known_part(parallax_px),
-        known_part(sd_px),
-        _averaged(is_known.astype(np.float32)),
+        np.stack(averaged),
         area_px,
         known_px or float(np.count_nonzero(is_known)),
         (origin[0] + columns.start, origin[1] + rows.start),
@@ -146,27 +146,17 @@ def parallax_field(
     )
 
 
-def _averaged(picture: Float32Array) -> Float32Array:
-    side = (TUNING.averaged_px, TUNING.averaged_px)
-    return np.asarray(cv2.blur(picture, side, borderType=cv2.BORDER_CONSTANT), np.float32)
-
-
 def _around(
-    places: Float64Array,
-) -> tuple[list[tuple[IntArray, IntArray]], tuple[Float64Array, ...], Float64Array]:
-    """Rows and columns of the four pixels around places (n, 2), the share of each, and (2, n) x and y between them."""
+    places: Float64Array, pictures: Float32Array
+) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """What pictures (c, h, w) show at the four pixels around places (n, 2), and between which of them these lie.
+
+    (c, 4, n) values, (4, n) the share of each pixel, and (2, n) x and y beyond the first.
+    """
+    count, _, width = pictures.shape
     whole = places.astype(np.int64)
-    column, row = whole.T
     x, y = between = (places - whole).T
-    corners = [(row + down, column + right) for down in (0, 1) for right in (0, 1)]
-    return corners, ((1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x), between
-
-
-def _between(
-    picture: Float32Array,
-    corners: list[tuple[IntArray, IntArray]],
-    shares: tuple[Float64Array, ...],
-) -> Float64Array:
-    """(n,) the picture between four pixels each."""
-    values = (share * picture[corner] for share, corner in zip(shares, corners, strict=True))
-    return np.asarray(sum(values), np.float64)
+    first = whole[:, 1] * width + whole[:, 0]
+    four = np.stack([first, first + 1, first + width, first + width + 1])
+    corners = pictures.reshape(count, -1).take(four, axis=1).astype(np.float64)
+    return corners, np.stack([(1 - y) * (1 - x), (1 - y) * x, y * (1 - x), y * x]), between
