@@ -7,17 +7,18 @@ with the unknowns: a vertex takes part by how far it faces the camera, not by wh
 from dataclasses import dataclass
 from functools import cached_property
 
+import cv2
 import numpy as np
 
 from app.vision.geometry.masks import filled, window_around
-from app.vision.geometry.mesh import IntArray, Topology, unit, vertex_normals
+from app.vision.geometry.mesh import IntArray, Topology, faces_towards, unit, vertex_normals
 from app.vision.model import Float64Array
 from app.vision.solids.contour import Contour, contour_generator, covers
 from app.vision.solids.fields import ParallaxField
 from app.vision.solids.forms import EXACT, Form
 from app.vision.solids.outline_snap import STEP_PX
 from app.vision.solids.seen import Seen
-from app.vision.solids.surface_match import draw_mask
+from app.vision.solids.surface_match import SUBPIXEL_BITS, fixed_point
 from app.vision.tuning import TUNING
 
 SAMPLES = np.array(TUNING.samples)
@@ -81,12 +82,17 @@ def uncovered(form: Form, unknowns: Float64Array, seen: Seen) -> float:
 
     Where another food hides the outline, nothing else draws a form over the whole of the mask.
     """
-    pixels, _ = seen.sight.project(form.vertices(unknowns, EXACT))
+    vertices, mesh = form.vertices(unknowns, EXACT), form.topology(EXACT)
+    is_near = faces_towards(vertices, mesh.faces, seen.camera_mm(0))[mesh.edge_faces]
+    pixels, _ = seen.sight.project(vertices[mesh.edges[np.diff(is_near)[:, 0]]].reshape(-1, 3))
     rows, columns = window_around(seen.mask, TUNING.margin_px)  # beyond it nothing is to be covered
     mask = seen.mask[rows, columns]
-    low = columns.start, rows.start
-    covered = filled(draw_mask(pixels - low, form.topology(EXACT).faces, mask.shape))
-    return float(np.count_nonzero(mask & ~covered)) / TUNING.dense_area_px
+    line = np.zeros(mask.shape, np.uint8)
+    ends = np.clip(pixels - [columns.start, rows.start], 0, np.array(mask.shape[::-1]) - 1)
+    cv2.polylines(
+        line, list(fixed_point(ends).reshape(-1, 2, 2)), False, 1, 1, cv2.LINE_8, SUBPIXEL_BITS
+    )
+    return float(np.count_nonzero(mask & ~filled(line > 0))) / TUNING.dense_area_px
 
 
 @dataclass(frozen=True)
@@ -121,6 +127,12 @@ class _Line:
     pixels: Float64Array
     gradient: Float64Array
 
+    @property
+    def ends(self) -> tuple[Float64Array, Float64Array]:
+        """(k, 2) px where each segment begins, and where it ends."""
+        begins, ends = self.contour.segments.T
+        return self.pixels[begins], self.pixels[ends]
+
     def moved(self, point: IntArray, towards: Float64Array) -> tuple[IntArray, Float64Array]:
         """(2 k,) vertices and (2 k, 3) derivatives, px/mm, of points (k,) counted along (k, 2) in the picture."""
         by_point = np.einsum("na,nab->nb", towards, self.gradient[point])
@@ -146,28 +158,26 @@ def _of_outline(placed: _Placed, line: _Line, view: int, *, is_folded: bool) -> 
     if field is None:
         return None
     segments = line.contour.segments
-    start, end = (line.pixels[segments[:, side]] for side in (0, 1))
+    start, end = line.ends
     along = SAMPLES[:, None, None]
     samples = (start + along * (end - start)).reshape(-1, 2)
     distance, slope, weight = field.at(samples)
-    length = np.tile(np.sqrt(((end - start) ** 2).sum(axis=1)) / len(SAMPLES), len(SAMPLES))
-    share = np.repeat(SAMPLES, len(segments))
-    point = np.concatenate([np.tile(segments[:, side], len(SAMPLES)) for side in (0, 1)])
-    by_sample = np.concatenate([(1 - share) * length * weight, share * length * weight])
+    lengths = np.sqrt(((end - start) ** 2).sum(axis=1)) / len(SAMPLES)
+    values = np.stack([np.ones_like(distance), distance, slope[:, 0], slope[:, 1]]) * weight
+    values = values.reshape(len(values), len(SAMPLES), -1) * lengths
     count = len(line.pixels)
-    total = np.bincount(point, by_sample, count)
-
-    def mean(values: Float64Array) -> Float64Array:
-        summed = np.bincount(point, by_sample * np.tile(values, 2), count)
-        return np.asarray(summed / np.maximum(total, 1e-9), np.float64)
-
-    towards = np.column_stack([mean(slope[:, 0]), mean(slope[:, 1])])
-    vertex, by_vertex = line.moved(np.arange(count), towards)
+    # Each point ends one segment and begins another.
+    summed = np.empty((len(values), count))
+    summed[:, segments[:, 0]] = np.einsum("s,vsk->vk", 1 - SAMPLES, values)
+    summed[:, segments[:, 1]] += np.einsum("s,vsk->vk", SAMPLES, values)
+    total = summed[0]
+    distance, *towards = summed[1:] / np.maximum(total, 1e-9)
+    vertex, by_vertex = line.moved(np.arange(count), np.column_stack(towards))
     open_share = _open_share(line) if is_folded else np.ones(count)
     weight = np.asarray(total * open_share, np.float64)
     weight *= field.length_px / max(float(weight.sum()), 1e-9) / TUNING.outline_run_px
     sd = np.full(count, seen.outline_sd_px)
-    return Misfits(vertex, by_vertex, 2 * np.arange(count), mean(distance), sd, weight)
+    return Misfits(vertex, by_vertex, 2 * np.arange(count), distance, sd, weight)
 
 
 def _of_coverage(placed: _Placed, line: _Line) -> Misfits | None:
@@ -181,7 +191,7 @@ def _of_coverage(placed: _Placed, line: _Line) -> Misfits | None:
         return None
     points, weights = outline.points_px[::2], 2 * outline.weights[::2]
     segments = line.contour.segments
-    start, end = (line.pixels[segments[:, side]] for side in (0, 1))
+    start, end = line.ends
     towards = end - start
     length2 = np.maximum((towards**2).sum(axis=1), 1e-9)
     apart_x, apart_y = (points[:, axis, None] - start[:, axis] for axis in (0, 1))
@@ -212,9 +222,7 @@ def _open_share(line: _Line) -> Float64Array:
     """(n,) 1 for what is on the outline of the whole, 0 for what the form itself covers in the picture."""
     outward = unit(np.einsum("nab,nb->na", line.gradient, line.contour.normals))
     beyond = [line.pixels + reach * outward for reach in TUNING.hidden_px]
-    segments = line.contour.segments
-    ends = line.pixels[segments[:, 0]], line.pixels[segments[:, 1]]
-    hidden = covers(ends, np.concatenate(beyond)).reshape(len(beyond), -1)
+    hidden = covers(line.ends, np.concatenate(beyond)).reshape(len(beyond), -1)
     return np.asarray(1.0 - hidden.mean(axis=0), np.float64)
 
 

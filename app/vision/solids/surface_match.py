@@ -143,7 +143,7 @@ def draw_parallax(
     faces = faces[np.argsort(parallax.take(faces).mean(axis=1))]  # the nearest are drawn last
     corners = pixels.take(faces, axis=0) - low
     number = np.full((int(high[1] - low[1]), int(high[0] - low[0])), -1, np.int32)
-    for index, corner in enumerate(_fixed(corners)):
+    for index, corner in enumerate(fixed_point(corners)):
         cv2.fillConvexPoly(number, corner, index, cv2.LINE_8, SUBPIXEL_BITS)
     system = np.concatenate([corners, np.ones((len(faces), 3, 1))], axis=2)
     system[np.abs(np.linalg.det(system)) < 1e-6] = np.eye(3)
@@ -186,21 +186,24 @@ def fine_detail(grey: Float32Array, mask: MaskArray) -> Float32Array:
 
 def _eroded(mask: MaskArray, across_px: int) -> MaskArray:
     """The mask less CLEAR_PX above and below, and across_px along the rows, which are searched."""
+    out = np.zeros(mask.shape, np.bool_)
+    window = window_around(mask, 0)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * across_px + 1, 2 * CLEAR_PX + 1))
-    return (
-        cv2.erode(mask.astype(np.uint8), kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
-    )
+    inner = mask[window].astype(np.uint8)
+    out[window] = cv2.erode(inner, kernel, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    return out
 
 
 def draw_mask(pixels: Float64Array, faces: IntArray, shape: tuple[int, ...]) -> MaskArray:
     """(H, W) what triangles with corners at (n, 2) px cover."""
     out = np.zeros(shape, np.uint8)
-    for corner in _fixed(pixels.take(faces, axis=0)):
+    for corner in fixed_point(pixels.take(faces, axis=0)):
         cv2.fillConvexPoly(out, corner, 1, cv2.LINE_8, SUBPIXEL_BITS)
     return out > 0
 
 
-def _fixed(pixels: Float64Array) -> NDArray[np.int32]:
+def fixed_point(pixels: Float64Array) -> NDArray[np.int32]:
+    """The places with SUBPIXEL_BITS of a fraction, as OpenCV draws them."""
     return np.rint(pixels * (1 << SUBPIXEL_BITS)).astype(np.int32)
 
 
