@@ -38,8 +38,9 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from app.candidates.food_groups import SURE_FROM  # noqa: E402
 from app.candidates.identify_photo import UNPOINTED_NONE_PRIOR, identify_unpointed  # noqa: E402
-from app.candidates.item_candidates import ASSIGNED_FROM, FEWEST_SPECIMENS  # noqa: E402
+from app.candidates.item_candidates import FEWEST_SPECIMENS  # noqa: E402
 from app.candidates.labelled_folder import labelled_photos  # noqa: E402
 from app.identification.build_index import (  # noqa: E402
     fit_calibration,
@@ -286,7 +287,7 @@ def print_learning(regions: Regions) -> None:
 
 def is_assigned(chances: np.ndarray, pieces: np.ndarray) -> np.ndarray:
     """(n,) whether a food is taken for the likeliest without asking anybody."""
-    return (chances.max(axis=1) >= ASSIGNED_FROM) & (
+    return (chances.max(axis=1) >= SURE_FROM) & (
         pieces[chances.argmax(axis=1)] >= FEWEST_SPECIMENS
     )
 

@@ -23,6 +23,7 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from app.candidates import queries as index_entries
+from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
 from app.candidates.queries import Entry
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
@@ -42,14 +43,13 @@ from app.identification.sizes import FoodSize, MeasuredFood, plausible_factor
 from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
 from app.meals.stored.models import HintDetails, Meal
-from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer, RunAnswer, VcmAnswer
+from app.meals.stored.run_answer import ItemAnswer, RunAnswer, VcmAnswer
 from app.vision.looks.vcm import LENGTH, LENGTHS
 
 log = structlog.get_logger()
 
 MOST_SEALED = 20  # per item; fewer are saved (item_candidates.py), since a table may lack some
 MOST_OF_EATER = 300  # a participant's items of some weeks
-DECIMALS = 6
 
 
 class IdentifyFoods:
@@ -74,14 +74,7 @@ class IdentifyFoods:
             identified = self._identify(meal, described, identifier)
             for (item, _), identification in zip(described, identified, strict=True):
                 if identification is not None:
-                    item.candidates = [
-                        CandidateAnswer(
-                            food=candidate.food_key,
-                            probability=round(candidate.probability, DECIMALS),
-                            specimens=candidate.specimens,
-                        )
-                        for candidate in identification.candidates[:MOST_SEALED]
-                    ]
+                    item.candidates = candidate_answers(identification)[:MOST_SEALED]
                     item.none_probability = round(identification.none_probability, DECIMALS)
                     item.index_version = identification.index_version
             note_doubtful_scale(meal, answer, identifier)
@@ -195,7 +188,9 @@ class LearnedIndex:
             entries, vectors = self._read(meal, held.vectors if held is not None else {})
             if held is None or held.entries != entries:
                 held = _Learned(
-                    entries, vectors, Identifier(index, _examples(meal, entries, vectors))
+                    entries,
+                    vectors,
+                    Identifier(index, _examples(meal, entries, vectors), groups=groups_of_foods()),
                 )
             self._learned[meal.study_id] = held
             while len(self._learned) > MOST_STUDIES:

@@ -14,6 +14,7 @@ from datetime import UTC, datetime
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
+from app.candidates.food_groups import GROUP_SURE_FROM, SURE_FROM
 from app.foods import queries as foods
 from app.foods.models import Food
 from app.meals.stored import meal_parts
@@ -94,8 +95,6 @@ def candidates_of_records(
     }
 
 
-# A wrong food must not enter sums unnoticed: of foods that the index does not know, 3 in 100 reach this.
-ASSIGNED_FROM = 0.85
 FEWEST_SPECIMENS = (
     3  # of a food that is assigned: of dishes known by one or two, a quarter were others
 )
@@ -154,11 +153,13 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
 
 def _assigned(answer: ItemAnswer, candidates: Sequence[tuple[Food, float]]) -> Food | None:
     """Return the first candidate's food if nobody need be asked."""
-    if not candidates or candidates[0][1] < ASSIGNED_FROM:
+    if not candidates:
         return None
     food = candidates[0][0]
-    specimens = next(each.specimens for each in answer.candidates if each.food == food.key)
-    return food if specimens is None or specimens >= FEWEST_SPECIMENS else None
+    first = next(each for each in answer.candidates if each.food == food.key)
+    is_likely = first.probability >= (GROUP_SURE_FROM if first.is_group else SURE_FROM)
+    is_known = first.specimens is None or first.specimens >= FEWEST_SPECIMENS
+    return food if is_likely and is_known else None
 
 
 def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
@@ -197,7 +198,11 @@ def _known(
     candidates: Sequence[CandidateAnswer], foods_by_key: Mapping[str, Food]
 ) -> tuple[list[tuple[Food, float]], float]:
     """Return those of a food table in force, best first, and the probability of the others."""
-    named = [(foods_by_key.get(candidate.food), candidate.probability) for candidate in candidates]
-    unknown = sum(probability for food, probability in named if food is None)
-    kept = [(food, p) for food, p in named if food is not None and p >= LEAST_PROBABILITY]
+    kept, unknown = [], 0.0
+    for candidate in candidates:
+        food = foods_by_key.get(candidate.food)
+        if food is None:
+            unknown += 0.0 if candidate.is_group else candidate.probability
+        elif candidate.probability >= LEAST_PROBABILITY:
+            kept.append((food, candidate.probability))
     return kept[:MOST_CANDIDATES], unknown

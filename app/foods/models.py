@@ -92,6 +92,11 @@ class Food(Base):
     source_ids: Mapped[dict[str, str]]
     superseded_by_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
 
+    @property
+    def is_group(self) -> bool:
+        """Whether it stands for several foods (docs/food-table.md)."""
+        return "members" in self.source_ids
+
     __table_args__ = (
         sa.UniqueConstraint("release_id", "key", "version"),
         sa.Index(None, "key"),

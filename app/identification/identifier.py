@@ -7,12 +7,13 @@ none of them.
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from app.identification.food_index import FoodIndex
+from app.identification.groups import group_probabilities
 from app.identification.habits import Eaten, log_prior, new_food_share
 from app.identification.kernel_classifier import KernelClassifier, posterior
 from app.identification.metric import Vectors
@@ -77,9 +78,13 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """candidates: best first; none_probability: that it is none of all that the index knows."""
+    """candidates: all foods, best first; none_probability: that it is none of them.
+
+    groups: of foods, each in place of its members, best first; label and name None
+    """
 
     candidates: tuple[Candidate, ...]
+    groups: tuple[Candidate, ...]
     none_probability: float
     index_version: str
 
@@ -102,9 +107,14 @@ class Identifier:
     """An index with learned examples; immutable: later examples make another."""
 
     def __init__(
-        self, index: FoodIndex, learned: Sequence[Example] = (), *, none_prior: float | None = None
+        self,
+        index: FoodIndex,
+        learned: Sequence[Example] = (),
+        *,
+        groups: Mapping[str, Collection[str]] | None = None,
+        none_prior: float | None = None,
     ) -> None:
-        """learned: the newest last.
+        """learned: the newest last. groups: key -> its members' food keys.
 
         none_prior: probability of a food unknown to the index; None: from own examples.
 
@@ -124,6 +134,11 @@ class Identifier:
         labels = np.concatenate(
             [index.labels, np.array([place[example.food_key] for example in kept], np.intp)]
         )
+        members = {
+            key: np.array([known.food_key in foods for known in self._known])
+            for key, foods in (groups or {}).items()
+        }
+        self._groups = {key: own for key, own in members.items() if own.sum() > 1}
         self._metric, self._calibration = index.metric, index.calibration
         examples = [index.examples]
         if kept:
@@ -171,8 +186,8 @@ class Identifier:
         Raises ValueError if a vector is of another length or not finite.
         """
         views = self._metric.embed(np.atleast_2d(np.asarray(vector, np.float64)))
-        scores = self._classifier.scores(views).mean(axis=0, keepdims=True)
-        likelihoods, none = self._calibration.log_likelihoods(scores)
+        scores = self._classifier.scores(views).mean(axis=0)
+        likelihoods, none = self._calibration.log_likelihoods(scores[None])
         volume_ml, relative_sd = circumstances.volume_ml, circumstances.volume_relative_sd
         sizes = [size_log_likelihood(known.size, volume_ml, relative_sd) for known in self._known]
         others = [
@@ -180,14 +195,24 @@ class Identifier:
         ]
         foods = [known.food_key for known in self._known]
         habits = log_prior(foods, circumstances.day_minute, circumstances.own, others)
-        shares, none_share = posterior(
-            likelihoods + np.array(sizes), none, np.array(habits), self._none_prior
-        )
+        log_odds = np.array(sizes) + np.array(habits)
+        shares, none_share = posterior(likelihoods, none, log_odds, self._none_prior)
         best = np.argsort(-shares[0], kind="stable")
         return Identification(
             tuple(self._known[i].candidate(float(shares[0, i])) for i in best),
+            self._group_candidates(scores, log_odds),
             float(none_share[0]),
             self.version,
+        )
+
+    def _group_candidates(self, scores: Vectors, log_odds: Vectors) -> tuple[Candidate, ...]:
+        found = group_probabilities(
+            scores, log_odds, self._groups, self._calibration, self._none_prior
+        )
+        specimens = np.array([known.specimens for known in self._known])
+        return tuple(
+            Candidate(None, None, key, found[key], int(specimens[self._groups[key]].sum()))
+            for key in sorted(found, key=lambda key: -found[key])
         )
 
 

@@ -130,6 +130,11 @@ class Food:
     source_ids: Mapping[str, str] = field(default_factory=dict)
     per_100_g: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Keys of the foods that this group of foods stands for; none for a food."""
+        return tuple(self.source_ids.get("members", "").split())
+
     def __post_init__(self) -> None:
         if self.form not in FOOD_FORMS:
             raise ValueError(f"{self.key}: unknown form {self.form!r}")

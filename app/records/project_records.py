@@ -252,11 +252,10 @@ class Projector:
             return []
         if state.is_food_guessed:
             return [FOOD_IDENTIFIED]
-        if not by_index or (by_index[0].probability or 0.0) < SURE:
+        foods = [row for row in by_index if not self.food(row.food_id).is_group]
+        if not foods or (foods[0].probability or 0.0) < SURE:
             return []
-        is_other = (
-            self.food(by_index[0].food_id).key != self.food(state.food_assignment.food_id).key
-        )
+        is_other = self.food(foods[0].food_id).key != self.food(state.food_assignment.food_id).key
         return [FOOD_DOUBTFUL] if is_other else []
 
     def _probability(self, state: ItemState, by_index: Sequence[ItemCandidate]) -> float:
@@ -455,7 +454,9 @@ def _entry(parts: MealParts, state: ItemState, status: str, food: Food | None) -
     item, meal = state.item, parts.meal
     seen = [each for each in parts.identified.get(item.id, ()) if each.run_id == state.run_id]
     is_learned = state.is_live and state.stands and status in LEARNED and state.is_food_confirmed
-    if not seen or not is_learned or food is None or item.origin in NEVER_LEARNED:
+    if not seen or not is_learned or item.origin in NEVER_LEARNED:
+        return None
+    if food is None or food.is_group:
         return None
     newest = seen[-1]
     return {

@@ -24,6 +24,7 @@ from app.nutrition.foods import FoodState, RefusePart, parse_table
 from app.nutrition.usual_form import usual_state
 from tools.ecustfd import read_measured
 from tools.starter_table.densities import StarterSources, starter_densities
+from tools.starter_table.groups import food_group, mean_contents
 
 FOLDER = Path(__file__).parent
 
@@ -42,15 +43,17 @@ def build(sources: StarterSources, selection: Mapping[str, Any]) -> tuple[bytes,
     Raises ValueError where the selection and the releases differ.
     """
     chosen = selection["food"]
-    lines = [
-        json.dumps(_food(sources, entry), ensure_ascii=False, separators=(",", ":"))
-        for entry in chosen
-    ]
+    foods = {entry["key"]: _food(sources, entry) for entry in chosen}
+    contents = {entry["key"]: sources.contents[entry["ndb"]] for entry in chosen}
+    for entry in selection["group"]:
+        foods[entry["key"]] = food_group(entry, foods, contents)
+        contents[entry["key"]] = mean_contents([contents[member] for member in entry["members"]])
+    lines = [json.dumps(food, ensure_ascii=False, separators=(",", ":")) for food in foods.values()]
     release = json.dumps(
         {key: str(value) for key, value in selection["release"].items()}, ensure_ascii=False
     )
     foods_json = f'{{"release":{release},\n"foods":[\n' + ",\n".join(lines) + "\n]}\n"
-    return foods_json.encode(), _nutrients_csv(chosen, sources.contents).encode()
+    return foods_json.encode(), _nutrients_csv(contents).encode()
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -122,20 +125,17 @@ def _refuse(source: Sr28Food, entry: Mapping[str, Any]) -> list[RefusePart]:
     return [RefusePart(part, percent, part not in served_without) for part, percent in parts]
 
 
-def _nutrients_csv(
-    chosen: Sequence[Mapping[str, Any]], contents: Mapping[str, Mapping[str, float]]
-) -> str:
+def _nutrients_csv(contents: Mapping[str, Mapping[str, float]]) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, ["key", *TAGNAMES], restval="", lineterminator="\n")
     writer.writeheader()
-    for entry in chosen:
-        content = contents[entry["ndb"]]
+    for key, content in contents.items():
         row = {
             tagname: f"{content[number]:g}"
             for tagname, number in TAGNAMES.items()
             if number in content
         }
-        writer.writerow({"key": entry["key"], **row})
+        writer.writerow({"key": key, **row})
     return text.getvalue()
 
 

@@ -34,11 +34,13 @@ class CandidateAnswer(_Answer):
     """A food by its key, with its probability by the index or a network.
 
     specimens: pieces or servings that the index knows it by; None: a network's
+    is_group: of foods, which are candidates themselves
     """
 
     food: str
     probability: float
     specimens: int | None = None
+    is_group: bool = False
 
 
 class ItemAnswer(_Answer):

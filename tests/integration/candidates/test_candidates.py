@@ -296,3 +296,38 @@ def test_candidates_of_a_network_follow_a_redrawn_region(meal_of, remeasure):
     for event in meal.history()["items"][-2:]:
         meal.say("undo", event=event["id"])
     assert shown(meal.items()[0]) == shown(item)
+
+
+def test_group_is_taken_for_an_item_where_no_food_is_likely_with_grams_and_energy_and_taught_to_nobody(meal_of, rows):
+    found = identified_item({"orange": 0.5, "lemon": 0.4}, none=0.05)
+    group = {"food": "citrus-fruit", "probability": 0.93, "specimens": 30, "is_group": True}
+    meal = meal_of(found | {"candidates": [group, *found["candidates"]]})
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["status"], item["flags"]) == ("citrus-fruit", "proposed", ["food_identified"])
+    assert [each["food"]["key"] for each in item["candidates"]] == ["citrus-fruit", "orange", "lemon"]
+    assert item["none_of_these"] == 0.05
+    low, high = item["mass_interval_g"]
+    assert low < item["mass_g"] < high
+    meal.say("confirm", item=item["id"])
+    assert meal.items()[0]["status"] == "confirmed"
+    assert rows(IndexEntry) == []
+    meal.say("set_food", item=item["id"], food="lemon")
+    assert [entry.food_key for entry in rows(IndexEntry)] == ["lemon"]
+
+
+def test_group_less_likely_than_asked_is_a_candidate_only_and_none_where_no_table_has_it(meal_of):
+    found = identified_item({"orange": 0.5}, none=0.1)
+    for key, shown in (("citrus-fruit", ["citrus-fruit", "orange"]), ("no-such-group", ["orange"])):
+        group = {"food": key, "probability": 0.89, "specimens": 30, "is_group": True}
+        (item,) = meal_of(found | {"candidates": [group, *found["candidates"]]}).items()
+        assert item["food"] is None
+        assert [each["food"]["key"] for each in item["candidates"]] == shown
+        assert item["none_of_these"] == 0.1
+
+
+def test_group_that_holds_the_hint_s_food_does_not_doubt_it(meal_of):
+    group = {"food": "citrus-fruit", "probability": 0.99, "specimens": 30, "is_group": True}
+    found = identified_item({"orange": 0.5, "lemon": 0.4}, hint=0)
+    meal = meal_of(found | {"candidates": [group, *found["candidates"]]}, hints=[{"point": [3, 3], "food": "orange"}])
+    (item,) = meal.items()
+    assert (item["food"]["key"], item["flags"]) == ("orange", [])

@@ -272,7 +272,8 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
 def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
     made = []
     monkeypatch.setattr(
-        "app.candidates.identify.Identifier", lambda *arguments: made.append(arguments) or Identifier(*arguments)
+        "app.candidates.identify.Identifier",
+        lambda *arguments, **named: made.append(arguments) or Identifier(*arguments, **named),
     )
     service = IdentifyFoods(state.database, lambda: index)
 
