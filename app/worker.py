@@ -27,6 +27,7 @@ from app.operations.chores import worker_chores
 from app.operations.explain_errors import check_stores, explained_errors
 from app.operations.prepare import prepare_patiently
 from app.people.access.secret_box import open_secret_box
+from app.records.rebuild_index import DescribeIdly
 from app.records.remeasurements.remeasurements import FeedWorkers
 from app.storage.opening import open_blob_store
 
@@ -36,6 +37,7 @@ TASKS = "app.meals.estimate.child_tasks:TASKS"
 NOT_STARTED = 2  # exit status, as of a command that did not do what it was told
 # it keeps all cores busy while meals wait; the server on them still answers first
 NICENESS_BESIDE_SERVER = 5
+DESCRIBE_SECONDS = 2.0  # from meal to meal, when vectors are made anew
 
 
 def run_worker(settings: Settings) -> int:
@@ -60,9 +62,13 @@ def run_worker(settings: Settings) -> int:
         index = partial(open_index, settings.food_index)
         return EstimatePair(database, blobs, pool, settings, index, may_identify)
 
-    def make_chores(database: Database) -> list[Chore]:
-        reminders = reminder_chores(database, box, settings)
-        return [*reminders, *worker_chores(database, blobs, box, settings)]
+    def make_chores(database: Database, pool: ChildPool) -> list[Chore]:
+        describe = DescribeIdly(database, blobs, pool, settings)
+        return [
+            *reminder_chores(database, box, settings),
+            *worker_chores(database, blobs, box, settings),
+            Chore("describe_regions", DESCRIBE_SECONDS, describe.run),
+        ]
 
     def make_backlog(database: Database) -> FeedWorkers:
         return FeedWorkers(database, JobQueue())

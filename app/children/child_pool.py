@@ -205,6 +205,12 @@ class ChildPool:
             with contextlib.suppress(RuntimeError):  # the pool was just closed
                 self._starter.submit(self._start_one_more).result()
 
+    @property
+    def is_idle(self) -> bool:
+        """Whether no child works on a request that has a name, as estimates have."""
+        with self._lock:
+            return not self._busy
+
     def close(self) -> None:
         """Kill all children at once; requests that wait for one raise ChildPoolClosedError."""
         with self._lock:

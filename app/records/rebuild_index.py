@@ -81,21 +81,58 @@ def rebuild_index(
 
     Raises NotFoundError for no such study, UnavailableError where no child process starts.
     """
+    describer = _Describer(database, blobs, children, settings)
+    return _of_all(database, study_code, describer.describe)
 
-    def describe(meal_id: uuid.UUID) -> Described:
-        with database.read() as session:
+
+class DescribeIdly:
+    """The same as a worker's chore: while no estimate runs, one meal after the other, once through all of them."""
+
+    def __init__(
+        self, database: Database, blobs: BlobStore, children: ChildPool, settings: Settings
+    ) -> None:
+        self._database = database
+        self._children = children
+        self._describer = _Describer(database, blobs, children, settings)
+        self._after: uuid.UUID | None = None
+        self._is_done = False
+
+    def run(self) -> None:
+        """Describe the next meal, if there is one and time for it. Raises UnavailableError as rebuild_index."""
+        if self._is_done or not self._children.is_idle:
+            return
+        with self._database.read() as session:
+            batch = vectors.meals_to_describe(
+                session, VCM_VERSION, after=self._after, limit=1, study_id=None
+            )
+        if batch:
+            self._describer.describe(batch[0])
+            self._after = batch[0]
+        self._is_done = not batch
+
+
+class _Describer:
+    def __init__(
+        self, database: Database, blobs: BlobStore, children: ChildPool, settings: Settings
+    ) -> None:
+        self._database = database
+        self._blobs = blobs
+        self._children = children
+        self._settings = settings
+
+    def describe(self, meal_id: uuid.UUID) -> Described:
+        """Describe the regions of a meal that have no vector of the current version."""
+        with self._database.read() as session:
             regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
             image = vectors.photograph_of(session, meal_id)
         if not regions or image is None:
             return Described(gone=len(regions))
-        with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
+        with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
             path = Path(name) / "photo"
-            if not _fetch(blobs, image, path):
+            if not _fetch(self._blobs, image, path):
                 return Described(unreadable=len(regions))
-            made = _vectors(children, settings, path, regions)
-        return _write(database, meal_id, regions, made)
-
-    return _of_all(database, study_code, describe)
+            made = _vectors(self._children, self._settings, path, regions)
+        return _write(self._database, meal_id, regions, made)
 
 
 def _of_all(

@@ -213,7 +213,7 @@ def run_jobs(
     make_estimate: Callable[[Database, ChildPool], EstimatePair],
     *,
     tasks: str,
-    make_chores: Callable[[Database], Sequence[Chore]] = lambda _: (),
+    make_chores: Callable[[Database, ChildPool], Sequence[Chore]] = lambda *_: (),
     make_backlog: Callable[[Database], Backlog] = lambda _: no_backlog,
     at_start: Callable[[], AbstractContextManager[None]] = nullcontext,
     times: WorkerTimes | None = None,
@@ -245,7 +245,7 @@ def run_jobs(
         pool.on_begin = worker.claims.note_computing
         pool.on_done = worker.claims.note_computed
         worker.start()
-        chores = ChoreThread(make_chores(database))
+        chores = ChoreThread(make_chores(database, pool))
         chores.start()
     threading.Thread(target=_warm_up, args=(pool,), daemon=True).start()
     while not stop.wait(0.2):

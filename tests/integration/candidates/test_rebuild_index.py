@@ -18,7 +18,7 @@ from app.meals.stored.record_models import Item, ItemMeasure
 from app.operations.doctor.doctor import examine
 from app.people.models import Study
 from app.privacy.retention import erase_old_pictures
-from app.records.rebuild_index import Described, check_index, rebuild_index
+from app.records.rebuild_index import Described, DescribeIdly, check_index, rebuild_index
 from app.vision.looks.vcm import VCM_VERSION, describe_rings
 from app.vision.model import ColourCorrection
 from app.vision.photograph.photo import read_photo
@@ -252,3 +252,24 @@ class Children:
 
     def run(self, *_, **__):
         return self._answer()
+
+
+def test_idle_worker_describes_one_meal_after_the_other_once_and_waits_while_a_child_is_busy(
+    state, settings, meal_of, children, monkeypatch
+):
+    meal_of(seed=1)
+    meal_of(seed=2)
+    chore = DescribeIdly(state.database, state.blobs, children, settings)
+    with monkeypatch.context() as patch:
+        patch.setattr(ChildPool, "is_idle", False)
+        chore.run()
+    assert new_vectors(state) == []
+    counts = []
+    for _ in range(4):
+        chore.run()
+        counts.append(len(new_vectors(state)))
+    assert counts == [1, 2, 2, 2]
+    assert {entry.vcm_version for entry in rows(state, IndexEntry)} == {VCM_VERSION}
+    meal_of(seed=3)
+    chore.run()
+    assert len(new_vectors(state)) == 2  # what comes later was described by its own run

@@ -119,7 +119,7 @@ def main():
     def make_use_cases(database, pool):
         return FakeUseCases(database, pool, arguments.folder)
 
-    def make_chores(_database):
+    def make_chores(_database, _pool):
         return [Chore("take leave", 3600.0, lambda: None, at_end=take_leave)]
 
     def take_leave():
