@@ -6,8 +6,8 @@ With and without each half of the vector (learned features, VCM), food alone, by
 
 1. ECUSTFD's specimens, held out of the index of all foods: first, five, calibration error (targets: 95 %, 99 %, 0.03);
    of these assigned without asking, and of these wrong (85 %, 0.5 %); of foods that the index does not know (3 %).
-   Assigned is what reaches the probability and the number of specimens of candidates/item_candidates.py.
-2. Fruit and vegetables of shops: photographs held out of the index of all foods (82 %, 96 %).
+   Assigned is what reaches the probability and the number of specimens of app/candidates; else a group of foods may be.
+2. Fruit and vegetables of shops: photographs held out of the index of all foods (82 %, 96 %); dishes: servings.
 3. Dishes: one photograph of each serving indexed, another one asked (90 %, 97 %); no second serving is at hand.
 4. One and three photographs of each of ECUSTFD's foods, nothing else known (three: 88 %).
 5. A food that the index of all others does not have, confirmed one to eight times: how often it is first, and among
@@ -38,7 +38,11 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.candidates.food_groups import SURE_FROM  # noqa: E402
+from app.candidates.food_groups import (  # noqa: E402
+    GROUP_SURE_FROM,
+    SURE_FROM,
+    groups_of_foods,
+)
 from app.candidates.identify_photo import UNPOINTED_NONE_PRIOR, identify_unpointed  # noqa: E402
 from app.candidates.item_candidates import FEWEST_SPECIMENS  # noqa: E402
 from app.candidates.labelled_folder import labelled_photos  # noqa: E402
@@ -48,10 +52,12 @@ from app.identification.build_index import (  # noqa: E402
     scores_of_unseen_specimens,
 )
 from app.identification.food_index import FoodIndex, shipped_index  # noqa: E402
+from app.identification.groups import group_probabilities  # noqa: E402
 from app.identification.habits import Eaten, log_prior  # noqa: E402
 from app.identification.identifier import Identifier  # noqa: E402
 from app.identification.kernel_classifier import (  # noqa: E402  # found from the checkout, installed or not
     NONE_PRIOR,
+    Calibration,
     KernelClassifier,
     posterior,
 )
@@ -178,37 +184,59 @@ def print_held_out(regions: Regions) -> None:
     )
     unknown = scores_of_unseen_classes(regions.examples, regions.labels, len(regions.keys))
     calibration = fit_calibration(known[has_another], regions.labels[has_another], unknown)
+    print(
+        "                                              assigned to a food,   a group,     unknown ones to"
+    )
+    print(
+        "held out    photographs   first    five     ECE   of these wrong   wrong      a food   a wrong group"
+    )
+    for source in (ECUSTFD, GROCERY, DISHES):
+        rows = np.flatnonzero((regions.sources == source) & has_another)
+        scores, labels = regions.of_photos(rows, known[rows])
+        chances, _ = posterior(*calibration.log_likelihoods(scores), equal(len(regions.keys)))
+        first, five = ranks(chances, labels) < 1, ranks(chances, labels) < 5
+        error = expected_calibration_error(chances.max(axis=1), first)
+        food, group, is_wrong, is_wrong_group = assigned(regions, calibration, scores, labels)
+        rows = np.flatnonzero(regions.sources == source)
+        scores, others = regions.of_photos(rows, unknown[rows])
+        is_other = np.arange(len(regions.keys)) != others[:, None]
+        of_others = np.zeros(is_other.shape)  # an own food that is not known scores nothing
+        of_others[is_other] = scores.ravel()
+        taken, _, _, is_wrong_taken = assigned(regions, calibration, of_others, others)
+        print(
+            f"{source:<11}{len(labels):>12}{first.mean():>8.1%}{five.mean():>8.1%}{error:>8.3f}"
+            f"{food.mean():>8.1%}{is_wrong[food].mean():>9.2%}"
+            f"{group.mean():>10.1%}{is_wrong_group[group].mean():>8.1%}"
+            f"{taken.mean():>12.1%}{is_wrong_taken.mean():>12.1%}"
+        )
+
+
+def assigned(
+    regions: Regions, calibration: Calibration, scores: np.ndarray, labels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(n,) whether to a food, to a group; whether the likeliest food is wrong; whether assigned to a wrong group."""
     pieces = np.array(
         [
             len(set(regions.specimens[regions.labels == label].tolist()))
             for label in range(len(regions.keys))
         ]
     )
-    print(
-        "held out       photographs   first    five     ECE   assigned   wrong   unknown assigned"
-    )
-    for source in (ECUSTFD, GROCERY):
-        rows = np.flatnonzero((regions.sources == source) & has_another)
-        scores, labels = regions.of_photos(rows, known[rows])
-        likely = calibration.log_likelihoods(scores)
-        chances, _ = posterior(*likely, equal(len(regions.keys)))
-        first, five = ranks(chances, labels) < 1, ranks(chances, labels) < 5
-        error = expected_calibration_error(chances.max(axis=1), first)
-        chances, _ = posterior(*likely, equal(len(regions.keys)), STUDY_NONE_PRIOR)
-        assigned = is_assigned(chances, pieces)
-        rows = np.flatnonzero(regions.sources == source)
-        scores, labels = regions.of_photos(rows, unknown[rows])
-        is_other = np.arange(len(regions.keys)) != labels[:, None]
-        others = np.full(is_other.shape, -np.inf)
-        others[is_other] = scores.ravel()
-        chances, _ = posterior(
-            *calibration.log_likelihoods(others), equal(len(regions.keys)), STUDY_NONE_PRIOR
-        )
-        print(
-            f"{source:<14}{len(labels):>12}{first.mean():>8.1%}{five.mean():>8.1%}{error:>8.3f}"
-            f"{assigned.mean():>11.1%}{(~first[assigned]).mean():>8.2%}"
-            f"{is_assigned(chances, pieces).mean():>19.1%}"
-        )
+    groups = {
+        key: own
+        for key, members in groups_of_foods().items()
+        if (own := np.array([food in members for food in regions.keys])).sum() > 1
+    }
+    prior = equal(len(regions.keys))
+    chances, _ = posterior(*calibration.log_likelihoods(scores), prior, STUDY_NONE_PRIOR)
+    best = chances.argmax(axis=1)
+    to_food = (chances.max(axis=1) >= SURE_FROM) & (pieces[best] >= FEWEST_SPECIMENS)
+    to_group, is_wrong_group = np.zeros(len(labels), np.bool_), np.zeros(len(labels), np.bool_)
+    for row in np.flatnonzero(chances.max(axis=1) < SURE_FROM):
+        found = group_probabilities(scores[row], prior, groups, calibration, STUDY_NONE_PRIOR)
+        key = max(found, key=lambda each: found[each])
+        to_group[row] = found[key] >= GROUP_SURE_FROM
+        is_wrong_group[row] = to_group[row] and not groups[key][labels[row]]
+    return to_food, to_group, best != labels, is_wrong_group
 
 
 def print_dishes(regions: Regions) -> None:
@@ -285,13 +313,6 @@ def print_learning(regions: Regions) -> None:
         )
 
 
-def is_assigned(chances: np.ndarray, pieces: np.ndarray) -> np.ndarray:
-    """(n,) whether a food is taken for the likeliest without asking anybody."""
-    return (chances.max(axis=1) >= SURE_FROM) & (
-        pieces[chances.argmax(axis=1)] >= FEWEST_SPECIMENS
-    )
-
-
 def ranks(scores: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """(n,) how many classes score higher than the right one."""
     return (scores > scores[np.arange(len(labels)), labels][:, None]).sum(axis=1)
@@ -346,8 +367,8 @@ def print_without_box(photos: Path, every: int, key_of: dict[tuple[str, str], st
         first = five = 0
         chosen = all_of_it[::every]
         for path, specimen, key in chosen:
-            found, _ = identify_unpointed(read(path), without_specimen(shipped_index(), specimen))
-            names = [one.food_key for one in found.candidates[:5]]
+            found = identify_unpointed(read(path), without_specimen(shipped_index(), specimen))[0]
+            names = [one.food_key for one in found.identification.candidates[:5]]
             first, five = first + (names[0] == key), five + (key in names)
         shares = f"first {first / len(chosen):.1%}, five {five / len(chosen):.1%} of {len(chosen)}"
         print(f"without a box, {source}: {shares}")

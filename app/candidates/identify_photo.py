@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from app.candidates.food_groups import candidate_answers, groups_of_foods
 from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
 from app.identification.food_index import open_index
@@ -24,7 +25,7 @@ from app.meals.stored.run_answer import VcmAnswer
 from app.nutrition.foods import load_starter_table
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
-from app.vision.looks.food_boxes import propose_boxes
+from app.vision.looks.food_boxes import propose_boxes, share_of_smaller
 from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import Box, Region, region_of_box, regions_of_whole
 from app.vision.marker_spec import MarkerSpec
@@ -35,12 +36,29 @@ UNPOINTED_NONE_PRIOR = 0.5  # of a proposed box: it may as well contain the plat
 NONE_OF_PLATE = 0.78
 
 
+MOST_SHARED = 0.2  # of the smaller of two places that hold different foods
+OTHERS_FROM = 0.8  # probability of the best candidate of such a place beside the first
+
+
 @dataclass(frozen=True, slots=True)
-class IdentifiedPhoto:
-    """box: px. seconds: duration without decoding."""
+class IdentifiedPlace:
+    """box: px."""
 
     identification: Identification
     box: Box
+
+    @property
+    def probability(self) -> float:
+        """Of the best candidate."""
+        return self.identification.candidates[0].probability
+
+
+@dataclass(frozen=True, slots=True)
+class IdentifiedPhoto:
+    """place: the surest. others: where other foods surely are. seconds: duration without decoding."""
+
+    place: IdentifiedPlace
+    others: tuple[IdentifiedPlace, ...]
     seconds: float
 
 
@@ -68,23 +86,33 @@ def identify_photo(
                 f"The box has less than a pixel in the photograph, which is {width} x {height} px (upright).",
                 code="box_outside",
             )
-        identified = _identify([region], identifier_of(index, NONE_PRIOR))
+        places = [IdentifiedPlace(_identify([region], identifier_of(index, NONE_PRIOR)), box)]
     else:
-        identified, box = identify_unpointed(pixels, identifier_of(index, UNPOINTED_NONE_PRIOR))
-    return IdentifiedPhoto(identified, box, time.perf_counter() - started)
+        places = identify_unpointed(pixels, identifier_of(index, UNPOINTED_NONE_PRIOR))
+    return IdentifiedPhoto(places[0], tuple(places[1:]), time.perf_counter() - started)
 
 
-def identify_unpointed(pixels: ImageArray, identifier: Identifier) -> tuple[Identification, Box]:
-    """Identify the food that fills a photograph, (H, W, 3), or else lies in the likeliest of a few places."""
+def identify_unpointed(pixels: ImageArray, identifier: Identifier) -> list[IdentifiedPlace]:
+    """Identify the food that fills a photograph, (H, W, 3), or else foods in places of like colour, the surest first.
+
+    Of the places apart from the first only those are returned where a food surely is.
+    """
     height, width = pixels.shape[:2]
     whole = _identify(regions_of_whole(pixels), identifier)
     if whole.none_probability < NONE_OF_PLATE:
-        return whole, (0.0, 0.0, float(width), float(height))
+        return [IdentifiedPlace(whole, (0.0, 0.0, float(width), float(height)))]
     regions = ((region_of_box(pixels, box), box) for box in propose_boxes(pixels))
-    return max(
-        ((_identify([region], identifier), box) for region, box in regions if region is not None),
-        key=lambda each: each[0].candidates[0].probability,
-    )
+    seen = [
+        IdentifiedPlace(_identify([region], identifier), box)
+        for region, box in regions
+        if region is not None
+    ]
+    places: list[IdentifiedPlace] = []
+    for place in sorted(seen, key=lambda each: -each.probability):
+        is_apart = all(share_of_smaller(place.box, other.box) < MOST_SHARED for other in places)
+        if is_apart and (not places or place.probability >= OTHERS_FROM):
+            places.append(place)
+    return places
 
 
 def identify_items(items: Iterable[dict[str, Any]], index: Path | None = None) -> None:
@@ -127,12 +155,28 @@ def parse_box(text: str) -> Box:
 
 def identified_to_json(identified: IdentifiedPhoto) -> dict[str, Any]:
     """What `tada identify --json` prints."""
-    return {
-        "candidates": candidates_to_json(identified.identification),
-        "none_of_these": round(identified.identification.none_probability, 4),
-        "box": [round(each, 1) for each in identified.box],
-        "index_version": identified.identification.index_version,
+    return _place_to_json(identified.place) | {
+        "others": [_place_to_json(place) for place in identified.others],
+        "index_version": identified.place.identification.index_version,
         "seconds": round(identified.seconds, 4),
+    }
+
+
+def _place_to_json(place: IdentifiedPlace) -> dict[str, Any]:
+    identification = place.identification
+    return {
+        "groups": [
+            {
+                "food": food_name(answer.food, None),
+                "food_key": answer.food,
+                "probability": round(answer.probability, 4),
+            }
+            for answer in candidate_answers(identification)
+            if answer.is_group
+        ],
+        "candidates": candidates_to_json(identification),
+        "none_of_these": round(identification.none_probability, 4),
+        "box": [round(each, 1) for each in place.box],
     }
 
 
@@ -177,7 +221,7 @@ def identifier_of(index: Path | None, none_prior: float | None = None) -> Identi
 
     Raises InvalidInputError, code `food_index_unreadable`.
     """
-    return Identifier(open_index(index), none_prior=none_prior)
+    return Identifier(open_index(index), groups=groups_of_foods(), none_prior=none_prior)
 
 
 def form_index_version(index: Path | None) -> str | None:

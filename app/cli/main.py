@@ -316,10 +316,13 @@ def identify(
     if as_json:
         print(json.dumps(identified))
         return
-    for candidate in identified["candidates"][:5]:
-        if candidate["probability"] >= MIN_LISTED_PROBABILITY:
-            print(f"{candidate['probability']:6.1%}  {candidate['food']}")
-    print(f"{identified['none_of_these']:6.1%}  none that the index knows")
+    for number, place in enumerate([identified, *identified["others"]]):
+        if number > 0:
+            print("and, in another place:")
+        for candidate in [*place["groups"], *place["candidates"][:5]]:
+            if candidate["probability"] >= MIN_LISTED_PROBABILITY:
+                print(f"{candidate['probability']:6.1%}  {candidate['food']}")
+        print(f"{place['none_of_these']:6.1%}  none that the index knows")
 
 
 @cli.command()

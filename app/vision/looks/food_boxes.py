@@ -44,10 +44,19 @@ def propose_boxes(pixels_bgr: ImageArray) -> list[Box]:
 
 def overlap(a: Box, b: Box) -> float:
     """Intersection over union of two boxes."""
+    shared = _shared(a, b)
+    return shared / (a[2] * a[3] + b[2] * b[3] - shared)
+
+
+def share_of_smaller(a: Box, b: Box) -> float:
+    """Intersection of two boxes, as a share of the smaller one."""
+    return _shared(a, b) / min(a[2] * a[3], b[2] * b[3])
+
+
+def _shared(a: Box, b: Box) -> float:
     across = max(0.0, min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]))
     down = max(0.0, min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1]))
-    shared = across * down
-    return shared / (a[2] * a[3] + b[2] * b[3] - shared)
+    return across * down
 
 
 def _pieces(lab: np.ndarray, colors: int) -> list[Box]:

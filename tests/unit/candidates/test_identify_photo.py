@@ -37,7 +37,7 @@ def run(*arguments):
 
 
 def test_apple_in_its_box_is_an_apple_before_all_others_and_all_probabilities_add_up_to_one(photo):
-    found = identify_photo(photo, APPLE_BOX).identification
+    found = identify_photo(photo, APPLE_BOX).place.identification
     first, second = found.candidates[:2]
     assert first.label == first.food_key == "apple"
     assert first.probability > 0.5 > second.probability
@@ -54,9 +54,18 @@ def test_apple_in_its_box_is_an_apple_before_all_others_and_all_probabilities_ad
 
 def test_apple_is_found_where_nobody_points_at_it(photo):
     found = identify_photo(photo, None)
-    assert found.identification.candidates[0].label == "apple"
-    assert overlap(found.box, APPLE_BOX) > 0.6
-    assert identify_photo(photo, None).identification == found.identification
+    assert found.place.identification.candidates[0].label == "apple"
+    assert overlap(found.place.box, APPLE_BOX) > 0.6
+    assert found.others == ()
+    assert identify_photo(photo, None).place == found.place
+
+
+def test_two_foods_apart_are_two_places(photo):
+    mirrored = Photo(np.hstack([photo.pixels_bgr[300:900, 700:], photo.pixels_bgr[300:900, :699:-1]]))
+    found = identify_photo(mirrored, None)
+    assert [place.identification.candidates[0].label for place in (found.place, *found.others)] == ["apple", "apple"]
+    answer = identified_to_json(found)
+    assert {"groups", "candidates", "none_of_these", "box"} == set(answer["others"][0])
 
 
 def test_colours_are_corrected_by_a_marker_that_is_told(photo):
@@ -64,8 +73,8 @@ def test_colours_are_corrected_by_a_marker_that_is_told(photo):
     spec = PlainBoard(9, 7, 11.0)
     as_taken, corrected = (identify_photo(yellowish, APPLE_BOX, marker) for marker in (None, spec))
     in_good_light = identify_photo(photo, APPLE_BOX, spec)
-    chances = [each.identification.candidates[0].probability for each in (as_taken, corrected, in_good_light)]
-    assert corrected.identification.candidates[0].label == "apple"
+    chances = [each.place.identification.candidates[0].probability for each in (as_taken, corrected, in_good_light)]
+    assert corrected.place.identification.candidates[0].label == "apple"
     assert abs(chances[1] - chances[2]) < abs(chances[0] - chances[2])
 
 
@@ -95,7 +104,7 @@ def test_command_prints_the_agreed_keys_and_speaks_to_people_without_json(path):
     done = run(path, "--box", ",".join(map(str, APPLE_BOX)), "--json")
     answer = json.loads(done.stdout)
     assert done.exit_code == 0
-    assert {"candidates", "none_of_these", "box", "index_version", "seconds"} == set(answer)
+    assert {"groups", "candidates", "none_of_these", "box", "others", "index_version", "seconds"} == set(answer)
     assert answer["candidates"][0]["food"] == "Apple, raw, with skin"
     assert {"food", "food_key", "label", "probability"} == set(answer["candidates"][0])
     done = run(path)
@@ -113,7 +122,7 @@ def test_file_that_is_no_photograph_is_told(tmp_path):
 @pytest.mark.parametrize("pixels", [np.zeros((200, 300, 3), np.uint8), np.full((200, 300, 3), 255, np.uint8)])
 def test_photograph_of_nothing_has_a_box_and_an_answer_and_a_disc_on_a_plain_ground_is_proposed(pixels):
     assert propose_boxes(pixels) == [(30.0, 20.0, 240.0, 160.0)]
-    assert identify_photo(Photo(pixels), None).identification.candidates
+    assert identify_photo(Photo(pixels), None).place.identification.candidates
     pixels = np.full((600, 800, 3), 200, np.uint8)
     cv2.circle(pixels, (300, 250), 90, (40, 60, 180), -1)
     assert max(overlap(box, (210.0, 160.0, 180.0, 180.0)) for box in propose_boxes(pixels)) > 0.85

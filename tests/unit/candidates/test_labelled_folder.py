@@ -61,10 +61,10 @@ def test_command_writes_an_index_that_names_foods_it_has_not_seen(built):
     assert open_index(output).version == report["version"]
     for label, key in (("idli", "idli-plain"), ("chutney", "chutney"), ("dosa", "dosa")):
         identified = identify_photo(Photo(picture(label, 999)), (13.0, 13.0, 134.0, 134.0), index=output)
-        best = identified.identification.candidates[0]
+        best = identified.place.identification.candidates[0]
         assert best.food_key == key
         assert best.probability > 0.5
-        assert identified.identification.index_version == report["version"]
+        assert identified.place.identification.index_version == report["version"]
 
 
 def test_same_folder_gives_the_same_version_and_its_files_are_read(built, kitchen):
