@@ -45,6 +45,7 @@ FLOORS_MM, FLOOR_SD_MM = (3.5, 5.0, 5.0, 5.0), 1.2
 FLOOR_OF_TALL_MM = FLOORS_MM[-1]
 UPRIGHT_LEAST_SHARE = 0.8  # of the rim's radius that an upright vessel's surface has
 HEAP_MM = 4.0  # over the surface's edge: what is measured higher is heaped food, no liquid
+ROUGH_MM = 6.0  # half the height between the surface's 10 and 90 %: food on a plate, no soup
 BOWL_ASPECT = 1.0  # height by radius of the rim: in narrower vessels windows of the dense match reach the wall
 HEAP_SHARE = 0.3  # of the surface that must be measured to say so
 RIM_INSET_MM = (
@@ -374,7 +375,8 @@ def _is_heaped(
     measured = heights[np.isfinite(heights)]
     if len(measured) < max(HEAP_SHARE * len(heights), 100):
         return False
-    return bool(np.median(measured) - level.height_mm > HEAP_MM)
+    low, middle, high = np.quantile(measured, (0.1, 0.5, 0.9))
+    return bool(middle - level.height_mm > HEAP_MM or (high - low) / 2 > ROUGH_MM)
 
 
 def _is_print(rim: Circle, points_table: Float32Array) -> bool:

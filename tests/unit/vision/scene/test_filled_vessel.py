@@ -142,6 +142,16 @@ def test_usual_inside_of_an_upright_mug_is_nearly_a_cylinder() -> None:
     assert not over_the_floor.is_measurable
 
 
+def test_bowl_in_which_food_stands_up_from_a_floor_has_no_level_and_is_none_of_soup() -> None:
+    """The middle of what is measured may lie as high as the edge that was taken for a surface's."""
+    pair = _with_mug(_pair(), 80.0, 40.0, 25.0)
+    unseen = np.zeros(SHAPE, np.bool_)
+    level, foods = _flat_top(pair, 25.0, 60.0), _flat_top(pair, 25.0, 60.0)
+    foods[..., 2] += np.where(foods[..., 0] < -20.0, 30.0, -5.0).astype(np.float32)
+    assert len(find_vessels(pair, level, TABLE, unseen).filled) == 1
+    assert len(find_vessels(pair, foods, TABLE, unseen).filled) == 0
+
+
 def _flat_top(pair: RectifiedPair, height_mm: float, half_mm: float) -> np.ndarray:
     """(H, W, 3) points of a block's top around the origin, nothing elsewhere."""
     rows, columns = np.indices(SHAPE)
