@@ -4,6 +4,7 @@ A spent code cannot be used again in its study: data that were pulled under it c
 persons.
 """
 
+import hashlib
 import uuid
 from datetime import datetime
 from typing import Literal
@@ -19,6 +20,11 @@ from app.people.privacy_models import SpentCode
 Kind = Literal["participant", "meal"]
 # drawn once; internal ids of meals derive from it
 MEAL_NAMESPACE = uuid.UUID("6f0d3d0a-6c0c-4e0e-9a53-52f9b4a4d7f1")
+
+
+def public_digest(public_id: uuid.UUID | str) -> str:
+    """Return the SHA-256 of an item's or a day's id as text, which only those who pulled the id can compute."""
+    return hashlib.sha256(str(public_id).encode()).hexdigest()
 
 
 def digest_of(box: SecretBox, kind: Kind, policy: WithdrawalPolicy, subject_id: uuid.UUID) -> str:

@@ -32,7 +32,7 @@ from app.people.access.caller import Caller
 from app.people.access.secret_box import SecretBox
 from app.people.models import Participant, WithdrawalPolicy
 from app.people.privacy_models import ErasureReceipt
-from app.people.tombstones import Kind, digest_of
+from app.people.tombstones import Kind, digest_of, public_digest
 from app.privacy import queries as privacy
 from app.privacy.erasure_ledger import Erasure, ErasureLedger
 from app.privacy.queries import Ids
@@ -173,11 +173,6 @@ def find_receipt(database: Database, receipt_id: uuid.UUID) -> ErasureReceipt:
     if receipt is None:
         raise NotFoundError("There is no such receipt.")
     return receipt
-
-
-def public_digest(public_id: uuid.UUID) -> str:
-    """Return the SHA-256 of an item's or a day's id as text, which only those who pulled the id can compute."""
-    return hashlib.sha256(str(public_id).encode()).hexdigest()
 
 
 def _is_below(key: str, folders: set[str]) -> bool:

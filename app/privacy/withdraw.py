@@ -26,7 +26,7 @@ from app.people.models import WITHDRAWAL_POLICIES, Enrolment, Participant, Study
 from app.people.participants import withdrawn_error
 from app.people.privacy_models import ErasureReceipt
 from app.people.studies import enter_study
-from app.people.tombstones import digest_of, spend_code
+from app.people.tombstones import digest_of, public_digest, spend_code
 from app.privacy import queries as privacy
 from app.privacy.erase import (
     Eraser,
@@ -36,7 +36,6 @@ from app.privacy.erase import (
     erase_person_from_files,
     erase_pictures,
     find_receipt,
-    public_digest,
 )
 from app.privacy.erasure_ledger import Erasure
 from app.records import queries as records

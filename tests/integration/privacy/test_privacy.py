@@ -27,8 +27,8 @@ from app.people.access.last_use import LastUse
 from app.people.devices import read_phone, sign_out_phone
 from app.people.models import Device, Participant, PushSubscription, Study
 from app.people.privacy_models import AuditEvent, BlobDeletion, Tombstone
+from app.people.tombstones import public_digest
 from app.privacy.delete_blobs import BlobDeleter
-from app.privacy.erase import public_digest
 from app.privacy.retention import erase_old_pictures
 from app.vision.looks.vcm import VCM_VERSION
 from tests.integration.conftest import meal_metadata
