@@ -51,9 +51,10 @@ from app.identification.build_index import (  # noqa: E402
     scores_of_unseen_classes,
     scores_of_unseen_specimens,
 )
+from app.identification.examples import NumberedIndex  # noqa: E402
 from app.identification.food_index import FoodIndex, shipped_index  # noqa: E402
 from app.identification.groups import group_probabilities  # noqa: E402
-from app.identification.habits import Eaten, log_prior  # noqa: E402
+from app.identification.habits import log_prior  # noqa: E402
 from app.identification.identifier import Identifier  # noqa: E402
 from app.identification.kernel_classifier import (  # noqa: E402  # found from the checkout, installed or not
     NONE_PRIOR,
@@ -78,7 +79,6 @@ from tools.food_index import (  # noqa: E402
 )
 from tools.food_metric import LAYOUT, fit_metric  # noqa: E402
 
-LUNCH = 750  # minutes after midnight
 STUDY_NONE_PRIOR = 0.3  # that a study begins with (habits.py)
 TEMPERATURE = 0.08  # of the scores, as the shipped index has
 EPISODES = 15  # ways to choose one or three photographs of each food
@@ -295,10 +295,9 @@ def print_learning(regions: Regions) -> None:
                 if len(order) >= count:
                     rows = np.concatenate([others, order[:count]]).astype(np.intp)
                     scores = regions.classifier(rows).scores(regions.examples[asked])
-                    eaten = [Eaten(regions.keys[place], LUNCH)] * count
-                    habit = np.array(
-                        log_prior(regions.keys, LUNCH, eaten, [])
-                    )  # nobody else has eaten anything
+                    eaten = np.zeros(len(regions.keys))
+                    eaten[place] = count  # at this time of day; nobody else has eaten anything
+                    habit = log_prior(eaten, np.zeros_like(eaten))
                     label = np.full(len(asked), place)
                     likely = scores / TEMPERATURE + habit
                     found[count] += zip(ranks(scores, label), ranks(likely, label), strict=True)
@@ -326,7 +325,7 @@ def without_specimen(index: FoodIndex, specimen: str) -> Identifier:
         labels=index.labels[kept],
         specimens=tuple(np.array(index.specimens)[kept].tolist()),
     )
-    return Identifier(rest, none_prior=UNPOINTED_NONE_PRIOR)
+    return Identifier(NumberedIndex(rest), none_prior=UNPOINTED_NONE_PRIOR)
 
 
 def print_light(foods: Sequence[LabelledFood], key_of: dict[tuple[str, str], str]) -> None:
@@ -375,7 +374,7 @@ def print_without_box(photos: Path, every: int, key_of: dict[tuple[str, str], st
 
 
 def print_mixed(folder: Path, key_of: dict[tuple[str, str], str]) -> None:
-    identifier = Identifier(shipped_index(), none_prior=NONE_PRIOR)
+    identifier = Identifier(NumberedIndex(shipped_index()), none_prior=NONE_PRIOR)
     chances, ranks = [], []
     for path in sorted((folder / "images").glob("mix*.jpg")):
         pixels = np.asarray(cv2.imread(str(path)))
@@ -394,7 +393,7 @@ def print_mixed(folder: Path, key_of: dict[tuple[str, str], str]) -> None:
 
 
 def print_time(foods: Sequence[LabelledFood]) -> None:
-    identifier = Identifier(shipped_index())
+    identifier = Identifier(NumberedIndex(shipped_index()))
     whole, cutting, describing, naming, decoding = [], [], [], [], []
     for food in foods[:: max(1, len(foods) // 100)]:
         data = np.frombuffer(food.photo.read_bytes(), np.uint8)

@@ -4,46 +4,41 @@ Runs in the worker, after the child has described the regions and before the ans
 that saving the answer is reproducible. A failure never fails the meal: the items then have no
 candidates. If the database is unavailable, the job is retried.
 
-The index is extended by each study's confirmed items: fitted once for a set of entries, and again
-when the set changes. Whatever is confirmed, undone, rejected or erased counts from the next meal
-on: the entries are read each time. Only vectors and the fit, which takes up to a second, are
-cached. A run whose marker was probably declared at a wrong size, judged by what stands around it,
-is flagged.
+The index is extended by each study's confirmed items, which are read once and then as they change.
+Whatever is confirmed, undone, rejected or erased counts from the next meal on. A run whose marker
+was probably declared at a wrong size, judged by what stands around it, is flagged.
 """
 
 import math
 import threading
 import uuid
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
 from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
-from app.candidates.queries import Entry
+from app.candidates.queries import AnyRow
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
 from app.db.session import Database
+from app.identification.examples import Example, Examples, NumberedIndex
 from app.identification.food_index import FoodIndex, shipped_index
 from app.identification.habits import Eaten
-from app.identification.identifier import (
-    MOST_EATEN,
-    MOST_EXAMPLES,
-    Circumstances,
-    Example,
-    Identification,
-    Identifier,
-)
-from app.identification.metric import Vectors
+from app.identification.identifier import Circumstances, Identification, Identifier
 from app.identification.sizes import FoodSize, MeasuredFood, plausible_factor
 from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
 from app.meals.stored.models import HintDetails, Meal
 from app.meals.stored.run_answer import ItemAnswer, RunAnswer, VcmAnswer
+from app.people.tombstones import public_digest
 from app.vision.looks.vcm import LENGTH, LENGTHS
 
 log = structlog.get_logger()
@@ -57,8 +52,7 @@ class IdentifyFoods:
 
     def __init__(self, database: Database, index: Callable[[], FoodIndex] = shipped_index) -> None:
         self._database = database
-        self._index = index
-        self._learned = LearnedIndex(database)
+        self._learned = LearnedIndex(database, index)
 
     def add_candidates(self, meal: Meal, answer: RunAnswer) -> None:
         """Set for each described item of the answer `candidates`, `none_probability` and `index_version`.
@@ -70,41 +64,25 @@ class IdentifyFoods:
         if not described:
             return
         try:
-            identifier = self._learned.identifier_for(meal, self._index())
-            identified = self._identify(meal, described, identifier)
-            for (item, _), identification in zip(described, identified, strict=True):
-                if identification is not None:
-                    item.candidates = candidate_answers(identification)[:MOST_SEALED]
-                    item.none_probability = round(identification.none_probability, DECIMALS)
-                    item.index_version = identification.index_version
-            note_doubtful_scale(meal, answer, identifier)
+            of_meal = Circumstances(
+                day_minute=local_minute(meal.captured_at, meal.time_zone),
+                own=self._confirmed_foods(meal),
+                eater=str(meal.participant_id),
+            )
+            with self._learned.identifier_for(meal) as identifier:
+                identified = [_identify(*each, of_meal, identifier) for each in described]
+                for (item, _), identification in zip(described, identified, strict=True):
+                    if identification is not None:
+                        item.candidates = candidate_answers(identification)[:MOST_SEALED]
+                        item.none_probability = round(identification.none_probability, DECIMALS)
+                        item.index_version = identification.index_version
+                note_doubtful_scale(meal, answer, identifier)
         except (
             Exception
         ) as error:  # any bug: the volumes are computed, and a person can name the foods
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
-
-    def _identify(
-        self, meal: Meal, described: Sequence[tuple[ItemAnswer, VcmAnswer]], identifier: Identifier
-    ) -> list[Identification | None]:
-        """Identify each item; None if it was described by another version than the index's."""
-        own = self._confirmed_foods(meal)
-        day_minute = local_minute(meal.captured_at, meal.time_zone)
-        identified: list[Identification | None] = []
-        for item, vcm in described:
-            if vcm.version != identifier.vcm_version:
-                identified.append(None)
-                continue
-            circumstances = Circumstances(
-                volume_ml=item.volume_ml,
-                volume_relative_sd=math.hypot(*item.relative_sd.values()),
-                day_minute=day_minute,
-                own=own,
-                eater=str(meal.participant_id),
-            )
-            identified.append(identifier.identify(numbers_of(vcm.vector), circumstances))
-        return identified
 
     def _confirmed_foods(self, meal: Meal) -> list[Eaten]:
         """Return the foods that the participant has confirmed; one that only the server identified shows no habit."""
@@ -117,6 +95,17 @@ class IdentifyFoods:
             for row in rows
             if FOOD_IDENTIFIED not in row.flags
         ]
+
+
+def _identify(
+    item: ItemAnswer, vcm: VcmAnswer, of_meal: Circumstances, identifier: Identifier
+) -> Identification | None:
+    """Identify an item; None if it was described by another version than the index's."""
+    if vcm.version != identifier.vcm_version:
+        return None
+    relative_sd = math.hypot(*item.relative_sd.values())
+    circumstances = replace(of_meal, volume_ml=item.volume_ml, volume_relative_sd=relative_sd)
+    return identifier.identify(numbers_of(vcm.vector), circumstances)
 
 
 # a parameter of the run: what all lengths should be multiplied by
@@ -159,92 +148,86 @@ def _kinds(
     return identifier.sizes_by_looks(numbers_of(item.vcm.vector))
 
 
-MOST_STUDIES = 8  # in the cache, up to some 30 MB each
-
-Key = tuple[uuid.UUID, uuid.UUID, str]  # item, run that saw it, version of its vector
-
-
-@dataclass(frozen=True, slots=True)
-class _Learned:
-    """An identifier, the entries that it was fitted to, the newest last, and their vectors."""
-
-    entries: tuple[Entry, ...]
-    vectors: Mapping[Key, Vectors]
-    identifier: Identifier
+# entries, 1.3 kB each, beyond which studies that the meal does not need are forgotten
+MOST_HELD = 400_000
 
 
 class LearnedIndex:
-    """A cache of identifiers by study; one per worker process, shared by its threads."""
+    """The examples of studies; one per worker process, shared by its threads.
 
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        self._learned: dict[uuid.UUID, _Learned] = {}  # the most recently used at the end
+    Each study's are read once, then those that have changed: each change of an entry gives its
+    item's record the study's next change number, each erasure leaves a tombstone with one.
+    """
+
+    def __init__(self, database: Database, index: Callable[[], FoodIndex]) -> None:
+        self._database, self._index = database, index
+        # study -> its examples, as they were after its change of a number; the last used at the end
+        self._learned: dict[uuid.UUID, tuple[Examples, int]] = {}
         self._lock = threading.Lock()
 
-    def identifier_for(self, meal: Meal, index: FoodIndex) -> Identifier:
-        """Return the index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
+    @cached_property
+    def _numbered(self) -> NumberedIndex:
+        return NumberedIndex(self._index())
+
+    @contextmanager
+    def identifier_for(self, meal: Meal) -> Iterator[Identifier]:
+        """The index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
         with self._lock:
-            held = self._learned.pop(meal.study_id, None)
-            entries, vectors = self._read(meal, held.vectors if held is not None else {})
-            if held is None or held.entries != entries:
-                held = _Learned(
-                    entries,
-                    vectors,
-                    Identifier(index, _examples(meal, entries, vectors), groups=groups_of_foods()),
-                )
-            self._learned[meal.study_id] = held
-            while len(self._learned) > MOST_STUDIES:
-                del self._learned[next(iter(self._learned))]
-            return held.identifier
+            with self._database.read() as session:
+                used = {
+                    study_id: self._brought_up(session, study_id, change_seq)
+                    for study_id, change_seq in index_entries.studies_for(session, meal.study_id)
+                }
+                of_meal = index_entries.entries_of_meal(session, meal.id)
+            held = self._learned
+            while len(held) > len(used) and sum(len(each) for each, _ in held.values()) > MOST_HELD:
+                del held[next(iter(held))]
+            own = used.pop(meal.study_id)
+            left_out = own.take(map(str, of_meal))
+            try:
+                yield Identifier(self._numbered, own, [*used.values()], groups=groups_of_foods())
+            finally:
+                own.append(*left_out)
 
-    def _read(
-        self, meal: Meal, cached: Mapping[Key, Vectors]
-    ) -> tuple[tuple[Entry, ...], dict[Key, Vectors]]:
-        with self._database.read() as session:
-            entries = index_entries.entries_for(
-                session,
-                meal.study_id,
-                LENGTHS,
-                without_meal=meal.id,
-                most=MOST_EXAMPLES,
-                most_recent=MOST_EATEN,
-            )
-            new = [entry for entry in entries if _key(entry) not in cached]
-            read = index_entries.vectors_of(session, new)
-        vectors = dict(cached) | {key: numbers_of(vector) for key, vector in read.items()}
-        return tuple(entries), {
-            key: vectors[key] for entry in entries if (key := _key(entry)) in vectors
-        }
+    def _brought_up(self, session: Session, study_id: uuid.UUID, change_seq: int) -> Examples:
+        """A study's examples as they are now. If this fails, they are read anew next time."""
+        unread = Examples(self._numbered), index_entries.BEFORE_ALL
+        examples, after = self._learned.pop(study_id, unread)
+        if after != change_seq:
+            for entries in index_entries.changed_entries(session, study_id, after):
+                examples.take(str(entry.item_id) for entry in entries)
+                examples.put(_examples(study_id, entries))
+            if erased := index_entries.erased_digests(session, study_id, after):
+                examples.take([name for name in examples.names if public_digest(name) in erased])
+        self._learned[study_id] = examples, change_seq
+        return examples
 
 
-def _key(entry: Entry) -> Key:
-    return entry.item_id, entry.run_id, entry.vcm_version
+def _examples(study_id: uuid.UUID, entries: Sequence[AnyRow]) -> list[Example]:
+    """Return entries with their vectors, without damaged ones, which would spoil all answers of the study.
 
-
-def _examples(
-    meal: Meal, entries: tuple[Entry, ...], vectors: Mapping[Key, Vectors]
-) -> list[Example]:
-    """Return the entries with their vectors, without damaged ones, which would spoil all answers of the study.
-
-    A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed).
+    A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed). One of an
+    unknown version cannot be compared.
     """
-    usable = {
-        key: np.pad(vector, (0, LENGTH - len(vector)), constant_values=np.nan)
-        for key, vector in vectors.items()
-        if len(vector) == LENGTHS[key[2]] and np.isfinite(vector).all()
-    }
-    if len(usable) < len(entries):
-        log.error("vectors_unusable", study_id=str(meal.study_id), count=len(entries) - len(usable))
-    return [
-        Example(
-            name=f"{entry.item_id} {entry.run_id}",
-            food_key=entry.food_key,
-            vector=usable[_key(entry)],
-            volume_ml=entry.volume_ml,
-            day_minute=entry.day_minute,
-            is_own=entry.is_own,
-            eater=str(entry.participant_id),
+    examples, damaged = [], 0
+    for entry in entries:
+        length = LENGTHS.get(entry.vcm_version)
+        if length is None:
+            continue
+        vector = numbers_of(entry.vector)
+        if len(vector) != length or not np.isfinite(vector).all():
+            damaged += 1
+            continue
+        examples.append(
+            Example(
+                name=str(entry.item_id),
+                food_key=entry.food_key,
+                vector=np.pad(vector, (0, LENGTH - length), constant_values=np.nan),
+                volume_ml=entry.volume_ml,
+                day_minute=entry.day_minute,
+                eater=str(entry.participant_id),
+            )
         )
-        for entry in entries
-        if _key(entry) in usable
-    ]
+    if damaged:
+        log.error("vectors_unusable", study_id=str(study_id), count=damaged)
+    return examples

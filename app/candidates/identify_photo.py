@@ -17,6 +17,7 @@ import numpy as np
 from app.candidates.food_groups import candidate_answers, groups_of_foods
 from app.candidates.vcm_json import numbers_of
 from app.core.errors import Failure, InvalidInputError
+from app.identification.examples import NumberedIndex
 from app.identification.food_index import open_index
 from app.identification.identifier import Circumstances, Identification, Identifier
 from app.identification.kernel_classifier import NONE_PRIOR
@@ -199,10 +200,7 @@ def food_name(food_key: str, name: str | None) -> str:
 
 
 def _identify(regions: Sequence[Region], identifier: Identifier) -> Identification:
-    """Identify one food by its regions.
-
-    Candidates are all foods, so that their probabilities and that of none of them sum to 1.
-    """
+    """Identify one food by its regions."""
     views = np.stack([describe(region) for region in regions]).astype(np.float64)
     return identifier.identify(views)
 
@@ -221,7 +219,9 @@ def identifier_of(index: Path | None, none_prior: float | None = None) -> Identi
 
     Raises InvalidInputError, code `food_index_unreadable`.
     """
-    return Identifier(open_index(index), groups=groups_of_foods(), none_prior=none_prior)
+    return Identifier(
+        NumberedIndex(open_index(index)), groups=groups_of_foods(), none_prior=none_prior
+    )
 
 
 def form_index_version(index: Path | None) -> str | None:

@@ -1,9 +1,10 @@
 """SQL of identification: the learned index, what a participant has confirmed, and regions without a vector."""
 
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -14,26 +15,12 @@ from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.outline_json import Ring
 from app.meals.stored.record_models import ColourDetails, EffectiveRecord, Item, ItemMeasure, Run
 from app.people.models import Study
+from app.people.privacy_models import Tombstone
 
+PART = 2000  # entries that are read at once
+BEFORE_ALL = -1  # a number before each change of a study
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A confirmed item.
-
-    vcm_version: of its vector
-    is_own: of the meal's study, not of one that shares its index
-    day_minute: local
-    """
-
-    item_id: uuid.UUID
-    run_id: uuid.UUID
-    vcm_version: str
-    participant_id: uuid.UUID
-    food_key: str
-    volume_ml: float | None
-    captured_at: datetime
-    day_minute: int
-    is_own: bool
+AnyRow = sa.Row[*tuple[Any, ...]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,73 +33,48 @@ class EatenRow:
     flags: tuple[str, ...]
 
 
-def entries_for(
-    session: Session,
-    study_id: uuid.UUID,
-    vcm_versions: Collection[str],
-    *,
-    without_meal: uuid.UUID,
-    most: int,
-    most_recent: int,
-) -> list[Entry]:
-    """Return the entries that a study learns from, the newest last: its own, and those of studies that share.
+def studies_for(session: Session, study_id: uuid.UUID) -> Iterator[tuple[uuid.UUID, int]]:
+    """Yield (study, number of its last change) of those that a study learns from: itself, and those that share."""
+    is_one = sa.or_(Study.id == study_id, Study.shares_index)
+    for row in session.execute(sa.select(Study.id, Study.change_seq).where(is_one)).all():
+        yield row.id, row.change_seq
 
-    At most `most`, divided evenly among the foods. Within a food the study's own entries come
-    first, and eaters take turns, each with the newest entry first, so that no single eater
-    represents a food. If that limit is reached, the newest `most_recent` entries of the study are
-    added, which show how often a food is eaten.
+
+def changed_entries(
+    session: Session, study_id: uuid.UUID, after: int
+) -> Iterator[Sequence[AnyRow]]:
+    """Yield, in parts, the items whose records changed after this change of the study, with their entries and vectors.
+
+    Vectors are little-endian float16. An item without an entry has none: it lost it, or never had
+    one. If `after` is BEFORE_ALL, such items are left out.
     """
-    is_own = IndexEntry.study_id == study_id
-    newest = (IndexEntry.captured_at.desc(), IndexEntry.item_id)
-    eater = (IndexEntry.food_key, IndexEntry.participant_id)
-    chosen = sa.select(
-        IndexEntry.item_id,
-        IndexEntry.run_id,
-        IndexEntry.vcm_version,
-        IndexEntry.participant_id,
-        IndexEntry.food_key,
-        IndexEntry.volume_ml,
-        IndexEntry.captured_at,
-        IndexEntry.day_minute,
-        is_own.label("is_own"),
-    ).where(
-        IndexEntry.vcm_version.in_(vcm_versions),
-        sa.or_(is_own, IndexEntry.study_id.in_(sa.select(Study.id).where(Study.shares_index))),
-        IndexEntry.item_id.not_in(sa.select(Item.id).where(Item.meal_id == without_meal)),
+    record, entry, seen = EffectiveRecord, IndexEntry, ItemIdentification
+    is_of_entry = sa.and_(
+        seen.item_id == entry.item_id,
+        seen.run_id == entry.run_id,
+        seen.vcm_version == entry.vcm_version,
     )
-    turn = sa.func.row_number().over(partition_by=eater, order_by=newest).label("turn")
-    turns = chosen.add_columns(turn).subquery()
-    best = (turns.c.is_own.desc(), turns.c.turn, turns.c.captured_at.desc(), turns.c.item_id)
-    place = sa.func.row_number().over(partition_by=turns.c.food_key, order_by=best).label("place")
-    ranked = sa.select(turns, place).subquery()
-    order = (ranked.c.place, ranked.c.is_own.desc(), ranked.c.captured_at.desc(), ranked.c.item_id)
-    columns = [column for column in ranked.c if column.name not in {"turn", "place"}]
-    entries = {
-        Entry(**row)
-        for row in session.execute(sa.select(*columns).order_by(*order).limit(most)).mappings()
-    }
-    if len(entries) == most:
-        recent = chosen.where(is_own).order_by(*newest).limit(most_recent)
-        entries |= {Entry(**row) for row in session.execute(recent).mappings()}
-    return sorted(entries, key=lambda entry: (entry.captured_at, entry.item_id))
+    query = (
+        sa.select(
+            record.item_id,
+            entry.participant_id,
+            entry.food_key,
+            entry.volume_ml,
+            entry.day_minute,
+            seen.vcm_version,
+            seen.vector,
+        )
+        .join(entry, entry.item_id == record.item_id, isouter=after > BEFORE_ALL)
+        .join(seen, is_of_entry, isouter=after > BEFORE_ALL)
+        .where(record.study_id == study_id, record.change_seq > after)
+    )
+    return session.execute(query, execution_options={"yield_per": PART}).partitions()
 
 
-def vectors_of(
-    session: Session, entries: Collection[Entry]
-) -> dict[tuple[uuid.UUID, uuid.UUID, str], bytes]:
-    """Return (item, run, version) -> vector, little-endian float16, of these entries."""
-    if not entries:
-        return {}
-    keys = {(entry.item_id, entry.run_id, entry.vcm_version) for entry in entries}
-    seen = ItemIdentification
-    query = sa.select(seen.item_id, seen.run_id, seen.vcm_version, seen.vector).where(
-        seen.item_id.in_([entry.item_id for entry in entries])
-    )
-    return {
-        (row.item_id, row.run_id, row.vcm_version): row.vector
-        for row in session.execute(query)
-        if (row[0], row[1], row[2]) in keys
-    }
+def erased_digests(session: Session, study_id: uuid.UUID, after: int) -> set[str]:
+    """Return the public digests of what was erased after this change of the study."""
+    is_later = Tombstone.study_id == study_id, Tombstone.change_seq > after
+    return set(session.scalars(sa.select(Tombstone.digest).where(*is_later)))
 
 
 def eaten_before(

@@ -34,12 +34,15 @@ def group_probabilities(
     temperature = TEMPERATURE * calibration.temperature
     joint = scores / temperature + log_odds + np.log1p(-none_prior)
     none = calibration.none_score / temperature + np.log(none_prior)
+    top = joint.max()
+    weights, of_none = np.exp(joint - top), np.exp(none - top)
     found = {}
     for key, own in groups.items():
-        group = (
+        log_group = (
             scores[own].sum() / temperature
             + np.logaddexp.reduce(log_odds[own])
             + np.log1p(-none_prior)
         )
-        found[key] = float(np.exp(group - np.logaddexp.reduce([*joint[~own], group, none])))
+        group = np.exp(log_group - top)
+        found[key] = float(group / (weights.sum() - weights[own].sum() + group + of_none))
     return found

@@ -6,9 +6,12 @@ are pulled to the study's, the study's to equal shares. A meal at about the same
 more than one at another.
 """
 
-import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Weights = NDArray[np.float64]
 
 DAY_MINUTES = 1440
 SAME_TIME_SD_MINUTES = 90.0
@@ -29,59 +32,39 @@ class Eaten:
     day_minute: int
 
 
-def log_prior(
-    foods: Sequence[str], day_minute: int | None, own: Sequence[Eaten], study: Sequence[Eaten]
-) -> list[float]:
-    """Natural logarithm of the share of each food, in their order; they add up to 1.
+def time_weights(day_minute: int | None) -> Weights:
+    """(DAY_MINUTES,) what a meal at each minute counts now.
 
-    own: the participant's items
-    study: the others'. Own ones among these would count twice, and what somebody has not eaten yet
-        would be as good as ruled out.
+    1 at the same time of day, ANY_TIME half a day apart; 1 where the time is not known.
     """
-    known = set(foods)
-    of_study = _weights(known, day_minute, study)
-    of_own = _weights(known, day_minute, own)
-    all_of_study, all_of_own = sum(of_study.values()), sum(of_own.values())
-    out = []
-    for food in foods:
-        study_share = (of_study.get(food, 0.0) + EQUAL_WEIGHT / len(foods)) / (
-            all_of_study + EQUAL_WEIGHT
-        )
-        share = (of_own.get(food, 0.0) + STUDY_WEIGHT * study_share) / (all_of_own + STUDY_WEIGHT)
-        out.append(math.log(share))
-    return out
+    if day_minute is None:
+        return np.ones(DAY_MINUTES)
+    apart = np.abs(day_minute - np.arange(DAY_MINUTES))
+    apart = np.minimum(apart, DAY_MINUTES - apart)
+    same = np.exp(-0.5 * (apart / SAME_TIME_SD_MINUTES) ** 2)
+    return np.asarray(ANY_TIME + (1.0 - ANY_TIME) * same, np.float64)
 
 
-def new_food_share(known_before: frozenset[str], confirmed: Sequence[str]) -> float:
+def log_prior(own: Weights, study: Weights) -> Weights:
+    """(foods,) natural logarithm of the share of each food; the shares add up to 1.
+
+    own: (foods,) the participant's items of each food, by what they count
+    study: (foods,) the others'. Own ones among these would count twice, and what somebody has not
+        eaten yet would be as good as ruled out.
+    """
+    equal = EQUAL_WEIGHT / len(study)
+    study_share = (study + equal) / (study.sum() + EQUAL_WEIGHT)
+    share = (own + STUDY_WEIGHT * study_share) / (own.sum() + STUDY_WEIGHT)
+    return np.asarray(np.log(share), np.float64)
+
+
+def new_food_share(confirmed: Weights, is_known: NDArray[np.bool_]) -> float:
     """How often the next item will be a food that the index does not know.
 
-    The share of confirmed items whose food came up once only and was not known before (Good, "The
-    population frequencies of species and the estimation of population parameters", Biometrika 40,
-    1953), with NEW_FOODS in NEW_OF to begin with.
+    confirmed: (foods,) items of each food. is_known: (foods,) without them. The share of confirmed
+    items whose food came up once only and was not known before (Good, "The population frequencies
+    of species and the estimation of population parameters", Biometrika 40, 1953), with NEW_FOODS in
+    NEW_OF to begin with.
     """
-    counts: dict[str, int] = {}
-    for food in confirmed:
-        counts[food] = counts.get(food, 0) + 1
-    once = sum(count == 1 for food, count in counts.items() if food not in known_before)
-    return (once + NEW_FOODS) / (len(confirmed) + NEW_OF)
-
-
-def _weights(
-    known: set[str], day_minute: int | None, eaten: Sequence[Eaten]
-) -> Mapping[str, float]:
-    weights: dict[str, float] = {}
-    for item in eaten:
-        if item.food_key in known:
-            weights[item.food_key] = weights.get(item.food_key, 0.0) + _weight(
-                day_minute, item.day_minute
-            )
-    return weights
-
-
-def _weight(now: int | None, then: int) -> float:
-    """1 at the same time of day, ANY_TIME half a day apart; 1 where the time is not known."""
-    if now is None:
-        return 1.0
-    apart = abs(now - then) % DAY_MINUTES
-    apart = min(apart, DAY_MINUTES - apart)
-    return ANY_TIME + (1.0 - ANY_TIME) * math.exp(-0.5 * (apart / SAME_TIME_SD_MINUTES) ** 2)
+    once = np.count_nonzero((confirmed == 1.0) & ~is_known)
+    return float((once + NEW_FOODS) / (confirmed.sum() + NEW_OF))

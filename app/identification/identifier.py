@@ -6,41 +6,20 @@ none of them.
 """
 
 import hashlib
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from app.identification.examples import Examples, NumberedIndex
 from app.identification.food_index import FoodIndex
 from app.identification.groups import group_probabilities
-from app.identification.habits import Eaten, log_prior, new_food_share
+from app.identification.habits import Eaten, log_prior, new_food_share, time_weights
 from app.identification.kernel_classifier import KernelClassifier, posterior
 from app.identification.metric import Vectors
-from app.identification.sizes import FoodSize, food_size, size_log_likelihood
+from app.identification.sizes import FoodSize, food_sizes, size_log_likelihoods
 
-MOST_EATEN = 1400  # of the study's items that show what is eaten at a time of day: each answer looks at all of them
-# learned, beside those that ship: what one linear system solves in less than a second
-MOST_EXAMPLES = 1400
-
-
-@dataclass(frozen=True, slots=True)
-class Example:
-    """A confirmed item: vector (d,) by the index's VCM version; the rest as far as it is known.
-
-    name: unique, for the index's version
-    is_own: of the study itself, not of another that shares its index
-    day_minute: after local midnight
-    eater: any name of the person
-    """
-
-    name: str
-    food_key: str
-    vector: Vectors
-    volume_ml: float | None = None
-    day_minute: int = 720
-    is_own: bool = True
-    eater: str | None = None
+MOST_CANDIDATES = 200  # of thousands of foods; nobody reads the others
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +57,7 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """candidates: all foods, best first; none_probability: that it is none of them.
+    """candidates: the likeliest foods, best first; none_probability: that it is none of all that the index knows.
 
     groups: of foods, each in place of its members, best first; label and name None
     """
@@ -89,89 +68,66 @@ class Identification:
     index_version: str
 
 
-@dataclass(frozen=True, slots=True)
-class _Known:
-    """A class: a label of the shipped index, a learned food, or both."""
-
-    food_key: str
-    name: str | None
-    label: str | None
-    size: FoodSize | None
-    specimens: int
-
-    def candidate(self, probability: float) -> Candidate:
-        return Candidate(self.name, self.label, self.food_key, probability, self.specimens)
-
-
 class Identifier:
-    """An index with learned examples; immutable: later examples make another."""
+    """An index with learned examples, which must not change while it is in use."""
 
     def __init__(
         self,
-        index: FoodIndex,
-        learned: Sequence[Example] = (),
+        numbered: NumberedIndex,
+        own: Examples | None = None,
+        others: Sequence[Examples] = (),
         *,
         groups: Mapping[str, Collection[str]] | None = None,
         none_prior: float | None = None,
     ) -> None:
-        """learned: the newest last. groups: key -> its members' food keys.
+        """own: of the study itself; others: of studies that share their index.
 
+        groups: key -> its members' food keys
         none_prior: probability of a food unknown to the index; None: from own examples.
 
-        Raises ValueError if an example's vector is not of the index's length, or not finite, or
-        none_prior is not between 0 and 1.
+        Raises ValueError if none_prior is not between 0 and 1.
         """
         if none_prior is not None and not 0.0 < none_prior < 1.0:
             raise ValueError(
                 f"the share of foods that the index does not know is between 0 and 1, not {none_prior}"
             )
-        kept = newest_of_each(learned)
-        self._known = _classes(index, kept)
-        self._sizes = {
-            known.food_key: known.size for known in self._known if known.size is not None
-        }
-        place = {known.food_key: number for number, known in enumerate(self._known)}
-        labels = np.concatenate(
-            [index.labels, np.array([place[example.food_key] for example in kept], np.intp)]
-        )
+        index = numbered.index
+        self._numbered, self._names = numbered, list(numbered.foods)
+        self._own = own if own is not None else Examples(numbered)
+        learned = (self._own, *others)
+        self._sources = [each for each in (numbered.examples, *learned) if len(each)]
+        tallies = [numbered.tally(), *(each.tally() for each in learned)]
+        self._specimens, *pieces = np.sum(tallies, axis=0)
+        self._log_means, self._log_sds = food_sizes(*pieces)
+        self._known = np.flatnonzero(self._specimens)
         members = {
-            key: np.array([known.food_key in foods for known in self._known])
+            key: np.isin(self._known, [numbered.foods.get(food, -1) for food in foods])
             for key, foods in (groups or {}).items()
         }
         self._groups = {key: own for key, own in members.items() if own.sum() > 1}
-        self._metric, self._calibration = index.metric, index.calibration
-        examples = [index.examples]
-        if kept:
-            examples.append(self._metric.embed(np.stack([example.vector for example in kept])))
-        self._classifier = KernelClassifier(np.concatenate(examples), labels, len(self._known))
-        own = [
-            example for example in learned if example.is_own
-        ]  # all: the kept ones have equal shares by design
-        self._eaten = [
-            (example.eater, Eaten(example.food_key, example.day_minute))
-            for example in own[-MOST_EATEN:]
-        ]
-        others = {example.food_key for example in kept if not example.is_own}
-        known_without = frozenset(others | {food.food_key for food in index.foods})
-        estimated = new_food_share(known_without, [example.food_key for example in own])
-        self._none_prior = none_prior if none_prior is not None else estimated
-        self.version = _version(index, learned)
+        confirmed = tallies[1][0]
+        if none_prior is None:
+            none_prior = new_food_share(confirmed, self._specimens > confirmed)
+        self._none_prior = none_prior
+        self.version = _version(index, self._own, others)
         self.vcm_version = index.vcm_version
 
     def size_of(self, food_key: str) -> FoodSize | None:
         """Return the size of a food's next piece; None where no piece of it was measured."""
-        return self._sizes.get(food_key)
+        number = self._numbered.foods.get(food_key)
+        if number is None or not np.isfinite(self._log_means[number]):
+            return None
+        return FoodSize(float(self._log_means[number]), float(self._log_sds[number]))
 
     def sizes_by_looks(self, vector: Vectors) -> list[tuple[float, FoodSize]]:
         """Return the probability of each food of known size by looks alone, with its size.
 
         Raises as identify.
         """
-        candidates = self.identify(vector).candidates
         return [
-            (candidate.probability, self._sizes[candidate.food_key])
-            for candidate in candidates
-            if candidate.food_key in self._sizes
+            (candidate.probability, size)
+            for candidate in self.identify(vector).candidates
+            if (size := self.size_of(candidate.food_key)) is not None
         ]
 
     def identify(
@@ -179,27 +135,27 @@ class Identifier:
         vector: Vectors,
         circumstances: Circumstances = NO_CIRCUMSTANCES,
     ) -> Identification:
-        """All foods, and how likely a region is of each.
+        """The likeliest foods, and how likely a region is of each.
 
         vector: (d,) of vcm_version, or (n, d) of several views of it
 
         Raises ValueError if a vector is of another length or not finite.
         """
-        views = self._metric.embed(np.atleast_2d(np.asarray(vector, np.float64)))
-        scores = self._classifier.scores(views).mean(axis=0)
-        likelihoods, none = self._calibration.log_likelihoods(scores[None])
-        volume_ml, relative_sd = circumstances.volume_ml, circumstances.volume_relative_sd
-        sizes = [size_log_likelihood(known.size, volume_ml, relative_sd) for known in self._known]
-        others = [
-            eaten for eater, eaten in self._eaten if eater is None or eater != circumstances.eater
-        ]
-        foods = [known.food_key for known in self._known]
-        habits = log_prior(foods, circumstances.day_minute, circumstances.own, others)
-        log_odds = np.array(sizes) + np.array(habits)
+        index, known = self._numbered.index, self._known
+        views = index.metric.embed(np.atleast_2d(np.asarray(vector, np.float64)))
+        scores: Vectors = np.mean([self._scores(view) for view in views], axis=0)[known]
+        likelihoods, none = index.calibration.log_likelihoods(scores[None])
+        sizes = size_log_likelihoods(
+            self._log_means[known],
+            self._log_sds[known],
+            circumstances.volume_ml,
+            circumstances.volume_relative_sd,
+        )
+        log_odds = sizes + self._habits(circumstances)
         shares, none_share = posterior(likelihoods, none, log_odds, self._none_prior)
-        best = np.argsort(-shares[0], kind="stable")
+        best = np.argsort(-shares[0], kind="stable")[:MOST_CANDIDATES]
         return Identification(
-            tuple(self._known[i].candidate(float(shares[0, i])) for i in best),
+            tuple(self._candidate(int(known[i]), float(shares[0, i])) for i in best),
             self._group_candidates(scores, log_odds),
             float(none_share[0]),
             self.version,
@@ -207,73 +163,49 @@ class Identifier:
 
     def _group_candidates(self, scores: Vectors, log_odds: Vectors) -> tuple[Candidate, ...]:
         found = group_probabilities(
-            scores, log_odds, self._groups, self._calibration, self._none_prior
+            scores, log_odds, self._groups, self._numbered.index.calibration, self._none_prior
         )
-        specimens = np.array([known.specimens for known in self._known])
+        specimens = self._specimens[self._known]
         return tuple(
             Candidate(None, None, key, found[key], int(specimens[self._groups[key]].sum()))
             for key in sorted(found, key=lambda key: -found[key])
         )
 
+    def _scores(self, view: Vectors) -> Vectors:
+        """(foods,) of a region, (k,), from the examples that may be nearest to it."""
+        near = [each.near(view) for each in self._sources]
+        examples, foods = (np.concatenate(parts) for parts in zip(*near, strict=True))
+        classifier = KernelClassifier(examples.astype(np.float64), foods, len(self._names))
+        return classifier.scores(view[None]).ravel()
 
-def newest_of_each(learned: Sequence[Example], most: int = MOST_EXAMPLES) -> list[Example]:
-    """Return at most `most` examples, in their order: the newest of each food, as many as of any other food.
+    def _habits(self, circumstances: Circumstances) -> Vectors:
+        """(known,) log prior of each food."""
+        count, weights = len(self._names), time_weights(circumstances.day_minute)
+        facts, eater = self._own.facts, circumstances.eater
+        counts = weights[facts["minute"]]
+        if eater is not None:
+            counts[facts["eater"] == hash(eater)] = 0.0
+        of_study = np.bincount(facts["food"], counts, count).astype(np.float64)
+        of_own = np.zeros(count)
+        for eaten in circumstances.own:
+            if eaten.food_key in self._numbered.foods:
+                of_own[self._numbered.foods[eaten.food_key]] += weights[eaten.day_minute]
+        return log_prior(of_own[self._known], of_study[self._known])
 
-    learned: the newest last. Own examples come before those of other studies, and eaters take
-    turns, so that no single person defines a food. If there are more foods than `most`, the foods
-    of the newest examples are kept.
-    """
-    of_eater: Counter[tuple[str, str | None]] = Counter()
-    turns = {}
-    for place in reversed(range(len(learned))):
-        eater = learned[place].food_key, learned[place].eater
-        turns[place] = of_eater[eater]
-        of_eater[eater] += 1
-    of_food: Counter[str] = Counter()
-    ranks = {}
-    for place in sorted(turns, key=lambda place: (not learned[place].is_own, turns[place], -place)):
-        example = learned[place]
-        ranks[place] = (of_food[example.food_key], not example.is_own, -place)
-        of_food[example.food_key] += 1
-    return [learned[place] for place in sorted(sorted(ranks, key=ranks.__getitem__)[:most])]
-
-
-def _classes(index: FoodIndex, learned: Sequence[Example]) -> list[_Known]:
-    """Return the index's foods in their order, then the other learned foods."""
-    volumes: dict[str, list[float]] = {}
-    specimens = Counter(example.food_key for example in learned)
-    for label, _ in set(zip(index.labels.tolist(), index.specimens, strict=True)):
-        specimens[index.foods[label].food_key] += 1
-    for example in learned:
-        if example.volume_ml is not None:
-            volumes.setdefault(example.food_key, []).append(example.volume_ml)
-    known = []
-    for food in index.foods:
-        pieces = [*index.volumes_ml.get(food.label, ()), *volumes.get(food.food_key, ())]
-        known.append(
-            _Known(
-                food.food_key,
-                food.name,
-                food.label,
-                food_size(pieces),
-                specimens[food.food_key],
-            )
+    def _candidate(self, number: int, probability: float) -> Candidate:
+        shipped = self._numbered.index.foods[number : number + 1]
+        name, label = (shipped[0].name, shipped[0].label) if shipped else (None, None)
+        return Candidate(
+            name, label, self._names[number], probability, int(self._specimens[number])
         )
-    shipped = {food.food_key for food in index.foods}
-    new = {example.food_key for example in learned} - shipped
-    return known + [
-        _Known(key, None, None, food_size(volumes.get(key, ())), specimens[key])
-        for key in sorted(new)
-    ]
 
 
-def _version(index: FoodIndex, learned: Sequence[Example]) -> str:
-    if not learned:
+def _version(index: FoodIndex, own: Examples, others: Sequence[Examples]) -> str:
+    """Return the index's version, with the number and a digest of what is learned, own examples told from others."""
+    learned = (own, *others)
+    count = sum(map(len, learned))
+    if count == 0:
         return index.version
-    digest = hashlib.sha256()
-    for example in learned:
-        fields = (
-            example.name, example.food_key, example.volume_ml, example.day_minute, example.is_own, example.eater,
-        )  # fmt: skip
-        digest.update(repr(fields).encode() + np.asarray(example.vector, np.float64).tobytes())
-    return f"{index.version} + {len(learned)} confirmed {digest.hexdigest()[:12]}"
+    of_own, *of_others = (int(each.facts["digest"].sum()) for each in learned)
+    digest = hashlib.sha256(f"{of_own} {sum(of_others)}".encode())
+    return f"{index.version} + {count} confirmed {digest.hexdigest()[:12]}"

@@ -42,5 +42,5 @@ class Metric:
 
 def squared_distances(a: Vectors, b: Vectors) -> Vectors:
     """(n, m) squared Euclidean distances between the rows of a, (n, d), and b, (m, d)."""
-    squares = (a * a).sum(axis=1)[:, None] + (b * b).sum(axis=1)[None, :] - 2.0 * (a @ b.T)
-    return np.asarray(np.maximum(squares, 0.0), np.float64)
+    of_a, of_b = (np.einsum("ij,ij->i", each, each) for each in (a, b))
+    return np.asarray(np.maximum(of_a[:, None] + of_b - 2.0 * (a @ b.T), 0.0), np.float64)

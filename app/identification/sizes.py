@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+Log = NDArray[np.float64]
+
 ANY_LOG_ML, ANY_LOG_SD = math.log(150.0), 1.1  # of foods on plates at large: 17 to 1,300 ml in 95 %
 # between pieces of one food, until its own pieces tell; ECUSTFD's foods have 0.1 to 0.6
 OWN_LOG_SD = 0.5
@@ -30,45 +32,41 @@ class FoodSize:
     log_sd: float
 
 
-def food_size(volumes_ml: Sequence[float]) -> FoodSize | None:
-    """Return the size of a food's next piece from measured pieces, ml; None without any. 0 and NaN are left out.
+def log_volume(volume_ml: float | None) -> float:
+    """Return log ml; NaN for what is no volume."""
+    return math.log(volume_ml) if volume_ml is not None and 0.0 < volume_ml < math.inf else math.nan
 
-    The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the scaled
-    inverse chi-squared prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one of the
-    mean, and a normal for the t.
+
+def food_sizes(counts: Log, sums: Log, squares: Log) -> tuple[Log, Log]:
+    """(n,) mean and standard deviation of the log volume of each food's next piece; NaN without any piece.
+
+    counts, sums, squares: (n,) number, sum and sum of squares of the log volumes of its measured
+    pieces. The spread is shrunk towards OWN_LOG_SD and widened by the doubt about the mean: the
+    scaled inverse chi-squared prior of Gelman et al., Bayesian Data Analysis, 3.3, with a flat one
+    of the mean, and a normal for the t.
     """
-    logs = [math.log(volume) for volume in volumes_ml if 0.0 < volume < math.inf]
-    if not logs:
-        return None
-    count = len(logs)
-    mean = sum(logs) / count
-    squares = sum((log - mean) ** 2 for log in logs)
-    variance = (OWN_WEIGHT * OWN_LOG_SD**2 + squares) / (OWN_WEIGHT + count - 1)
-    return FoodSize(mean, math.sqrt(variance * (1.0 + 1.0 / count)))
+    pieces = np.where(counts > 0.0, counts, np.nan)
+    means = sums / pieces
+    around = np.maximum(squares - sums * means, 0.0)
+    variances = (OWN_WEIGHT * OWN_LOG_SD**2 + around) / (OWN_WEIGHT + pieces - 1)
+    return means, np.sqrt(variances * (1.0 + 1.0 / pieces))
 
 
-def size_log_likelihood(
-    size: FoodSize | None, volume_ml: float | None, relative_sd: float = 0.0
-) -> float:
-    """Return the log likelihood ratio of this volume, the food against any food; 0 where either is not known.
+def size_log_likelihoods(
+    log_means: Log, log_sds: Log, volume_ml: float | None, relative_sd: float = 0.0
+) -> Log:
+    """Return the (n,) log likelihood ratio of this volume, each food against any; 0 where either is not known.
 
     relative_sd: of the measurement. At least log(1 - AS_EXPECTED); 0 for values that are not
     finite.
     """
-    if (
-        size is None
-        or volume_ml is None
-        or not (0.0 < volume_ml < math.inf and math.isfinite(relative_sd))
-    ):
-        return 0.0
-    value = math.log(volume_ml)
-    of_any = _log_density(value, ANY_LOG_ML, math.hypot(ANY_LOG_SD, relative_sd))
-    of_food = _log_density(value, size.log_mean, math.hypot(size.log_sd, relative_sd))
-    return math.log(AS_EXPECTED * math.exp(min(of_food - of_any, 50.0)) + 1.0 - AS_EXPECTED)
-
-
-def _log_density(value: float, mean: float, sd: float) -> float:
-    return -0.5 * ((value - mean) / sd) ** 2 - math.log(sd)
+    value = log_volume(volume_ml)
+    if not (math.isfinite(value) and math.isfinite(relative_sd)):
+        return np.zeros_like(log_means)
+    of_any = _log_normal(value, ANY_LOG_ML, math.hypot(ANY_LOG_SD, relative_sd))
+    of_foods = _log_normal(value, log_means, np.hypot(log_sds, relative_sd))
+    ratios = np.log(AS_EXPECTED * np.exp(np.minimum(of_foods - of_any, 50.0)) + 1.0 - AS_EXPECTED)
+    return np.nan_to_num(ratios, nan=0.0)
 
 
 LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
@@ -90,8 +88,6 @@ SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 
 LEAST_LOG_FACTOR = math.log(
     1.2
 )  # that is told: below it the interval of a volume covers much of it
-
-Log = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,5 +165,5 @@ def _of_its_kind(food: MeasuredFood) -> Log:
     )
 
 
-def _log_normal(value: Log, mean: float, sd: float) -> Log:
-    return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - math.log(sd))
+def _log_normal(value: Log | float, mean: Log | float, sd: Log | float) -> Log:
+    return np.asarray(-0.5 * ((value - mean) / sd) ** 2 - np.log(sd))

@@ -10,7 +10,7 @@ described it.
 """
 
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -330,7 +330,8 @@ def project_meal(session: Session, meal: Meal) -> None:
 def write_records(session: Session, projection: MealProjection) -> int:
     """Write those rows of a meal's projection that differ from what they should be, the records as one change.
 
-    Returns of how many items one did.
+    A record whose entry in the index differs is part of that change. Returns of how many items one
+    did.
     """
     meal = projection.parts.meal
     stale = _stale_entries(session, projection)
@@ -341,9 +342,11 @@ def write_records(session: Session, projection: MealProjection) -> int:
         moved |= _stale_pieces(projection)
         meal.leftovers = projection.leftovers
     change_seq: int | None = None
-    for record, columns in _stale_records(session, projection):
-        moved.add(columns["item_id"])
-        if record is None or not UNSEEN.issuperset(differences(record, columns)):
+    for record, columns in _stale_records(session, projection, stale):
+        item_id = columns["item_id"]
+        moved.add(item_id)
+        is_unseen = record is not None and UNSEEN.issuperset(differences(record, columns))
+        if item_id in stale or not is_unseen:  # identify.py finds the entry by the record's number
             if change_seq is None:
                 change_seq = records.next_change_seq(session, meal.study_id)
             columns = {**columns, "change_seq": change_seq}  # noqa: PLW2901
@@ -376,15 +379,18 @@ def _put(session: Session, table: type[Base], row: Base | None, columns: Columns
 
 
 def _stale_records(
-    session: Session, projection: MealProjection
+    session: Session, projection: MealProjection, relearned: Collection[uuid.UUID] = ()
 ) -> list[tuple[EffectiveRecord | None, Columns]]:
-    """(the record that is there, the columns that it should have) of the items where they differ."""
+    """(the record that is there, the columns that it should have) of the items where they differ.
+
+    relearned: also these items, whose entries differ
+    """
     stored = records_of(session, projection.parts.meal.id)
     pairs = [(stored.get(item.state.item.id), item.columns) for item in projection.items]
     return [
         (record, columns)
         for record, columns in pairs
-        if record is None or differences(record, columns)
+        if record is None or columns["item_id"] in relearned or differences(record, columns)
     ]
 
 

@@ -10,10 +10,9 @@ import sqlalchemy as sa
 from structlog.testing import capture_logs
 
 from app.candidates.identify import IdentifyFoods
-from app.candidates.queries import entries_for
+from app.candidates.queries import changed_entries
 from app.children.child_pool import ChildResult
 from app.identification.food_index import shipped_index
-from app.identification.identifier import Identifier
 from app.jobs import queries as jobs
 from app.meals.estimate.estimate_pair import EstimatePair
 from app.meals.stored.identification_models import ItemIdentification
@@ -261,7 +260,7 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
         raise sa.exc.OperationalError("SELECT", None, Exception("the server closed the connection"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("app.candidates.identify.index_entries.entries_for", away)
+        patch.setattr("app.candidates.identify.index_entries.studies_for", away)
         with pytest.raises(sa.exc.OperationalError):
             kitchen.work()
     kitchen.work()
@@ -269,28 +268,54 @@ def test_database_that_is_away_while_a_meal_is_identified_costs_no_candidates(ki
     assert keys(item)[0] == "banana"
 
 
-def test_identifier_is_made_again_only_where_the_entries_have_changed(kitchen, phone, state, index, looks, monkeypatch):
-    made = []
-    monkeypatch.setattr(
-        "app.candidates.identify.Identifier",
-        lambda *arguments, **named: made.append(arguments) or Identifier(*arguments, **named),
-    )
+@pytest.mark.both_stores
+def test_only_entries_that_have_changed_are_read_again(kitchen, enrol, state, index, looks, monkeypatch):
+    read = []
+
+    def entries_read(*arguments):
+        for part in changed_entries(*arguments):
+            read.extend(str(row.item_id) for row in part if row.vector is not None)
+            yield part
+
+    monkeypatch.setattr("app.candidates.identify.index_entries.changed_entries", entries_read)
     service = IdentifyFoods(state.database, lambda: index)
+    phone, sharing = enrol("P001"), enrol("P002", study="sharing")
+    share(state, "sharing")
 
     def identify():
+        read.clear()
         with state.database.read() as session:
-            meal = session.scalars(sa.select(Meal).order_by(Meal.received_at.desc())).first()
+            meal = session.scalars(sa.select(Meal).where(Meal.client_id == uuid.UUID(asked.meal_id))).one()
         found = RunAnswer.model_validate(answer(found_item(20.0, None, vcm=vcm(*looks(NEW_FOOD)[2][0]))))
         service.add_candidates(meal, found)
-        return found.items[0].index_version
+        return found.items[0].index_version, sorted(read)
 
-    told = kitchen.told(phone, NEW_FOOD, looks(NEW_FOOD)[0][0])
-    kitchen.serve(phone, looks(NEW_FOOD)[0][1])
-    made.clear()
-    first = identify()
-    assert (identify(), len(made)) == (first, 1)
-    told.say("set_food", item=told.items()[0]["id"], food="plum")
-    assert (identify() != first, len(made)) == (True, 2)
+    told = [
+        kitchen.told(who, NEW_FOOD, vector) for who, vector in zip((phone, sharing), looks(NEW_FOOD)[0], strict=False)
+    ]
+    items = [meal.items()[0]["id"] for meal in told]
+    asked = kitchen.serve(phone, looks(NEW_FOOD)[0][1])
+    first, all_of_them = identify()
+    assert all_of_them == sorted(items)
+    assert identify() == (first, [])
+    for meal, item in zip(told, items, strict=True):
+        meal.say("set_food", item=item, food="plum")
+        changed, again = identify()
+        assert (changed != first, again) == (True, [item])
+        first = changed
+    told[0].say("reject", item=items[0])
+    changed, again = identify()
+    assert (changed.startswith("without litchis + 1 confirmed "), again) == (True, [])
+
+
+def test_study_beyond_the_room_is_forgotten_and_read_again(kitchen, enrol, looks, monkeypatch):
+    monkeypatch.setattr("app.candidates.identify.MOST_HELD", 0)
+    here, there = enrol("P001", study="here"), enrol("P002", study="there")
+    kitchen.told(here, NEW_FOOD, looks(NEW_FOOD)[0][0])
+    held = kitchen.worker._identify._learned._learned
+    for phone, is_known in ((here, True), (there, False), (here, True)):
+        assert (NEW_FOOD in keys(kitchen.serve(phone, looks(NEW_FOOD)[1][0]).items()[0])) is is_known
+        assert len(held) == 1
 
 
 def test_vector_of_an_earlier_version_still_teaches_what_it_holds(kitchen, phone, looks):
@@ -306,50 +331,6 @@ def test_vector_of_an_earlier_version_still_teaches_what_it_holds(kitchen, phone
     (item,) = kitchen.serve(phone, second[0]).items()
     assert NEW_FOOD in keys(item)
     assert item["index_version"].startswith("without litchis + 1 confirmed ")
-
-
-def test_bounded_entries_are_the_newest_of_each_food_own_ones_first(kitchen, enrol, looks, state):
-    here, there = enrol("P001", study="here"), enrol("P002", study="there")
-    share(state, "there")
-    served = [
-        (here, "litchi", 1), (here, "litchi", 2), (here, "litchi", 3), (here, "plum", 4),
-        (there, "plum", 5), (there, "litchi", 6),
-    ]  # fmt: skip
-    for phone, food, hour in served:
-        kitchen.told(phone, food, looks("litchi")[0][0], captured_at=f"2026-11-20T{hour:02}:00:00+08:00")
-
-    def found(most, most_recent):
-        with state.database.read() as session:
-            study_id = session.scalars(sa.select(Study.id).where(Study.code == "here")).one()
-            entries = entries_for(
-                session, study_id, LENGTHS, without_meal=uuid.uuid4(), most=most, most_recent=most_recent
-            )
-        return [(entry.food_key, entry.day_minute // 60, entry.is_own) for entry in entries]
-
-    assert found(2, 0) == [("litchi", 3, True), ("plum", 4, True)]
-    assert found(3, 0) == [("litchi", 2, True), ("litchi", 3, True), ("plum", 4, True)]
-    assert found(4, 0) == [*found(3, 0), ("plum", 5, False)]
-    assert found(2, 3) == found(3, 0)
-    assert found(99, 0) == [(food, hour, phone is here) for phone, food, hour in served]
-
-
-def test_bounded_entries_of_a_food_are_of_its_eaters_by_turns(kitchen, enrol, looks, state):
-    served = [("P001", 1), ("P002", 2), ("P001", 3), ("P002", 4), ("P002", 5), ("P002", 6)]
-    for participant, hour in served:
-        phone, at = enrol(participant), f"2026-11-20T{hour:02}:00:00+08:00"
-        kitchen.told(phone, "litchi", looks("litchi")[0][0], captured_at=at)
-    with state.database.read() as session:
-        study_id = session.scalars(sa.select(Study.id)).one()
-        entries = [
-            [
-                entry.day_minute // 60
-                for entry in entries_for(
-                    session, study_id, LENGTHS, without_meal=uuid.uuid4(), most=most, most_recent=0
-                )
-            ]
-            for most in (1, 2, 4, 5)
-        ]
-    assert entries == [[6], [3, 6], [1, 3, 5, 6], [1, 3, 4, 5, 6]]
 
 
 @pytest.mark.parametrize(

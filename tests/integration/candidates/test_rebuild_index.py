@@ -14,7 +14,7 @@ from app.jobs.supervisor import settings_environment
 from app.meals.estimate.estimate_json import colour_to_json
 from app.meals.stored.identification_models import IndexEntry, ItemIdentification
 from app.meals.stored.models import MealImage
-from app.meals.stored.record_models import Item, ItemMeasure
+from app.meals.stored.record_models import EffectiveRecord, Item, ItemMeasure
 from app.operations.doctor.doctor import examine
 from app.people.models import Study
 from app.privacy.retention import erase_old_pictures
@@ -90,6 +90,7 @@ def test_item_of_an_older_version_gets_a_new_vector_its_entry_follows_and_a_seco
 ):
     _, photo = meal_of()
     (before,) = rows(state, IndexEntry)
+    (record,) = rows(state, EffectiveRecord)
     assert before.vcm_version == "old"
     assert check_index(state.database, study_code=None) == Described(described=1)
     assert new_vectors(state) == []
@@ -99,6 +100,7 @@ def test_item_of_an_older_version_gets_a_new_vector_its_entry_follows_and_a_seco
     assert (new.run_id, new.index_version, new.none_probability) == (before.run_id, None, None)
     (entry,) = rows(state, IndexEntry)
     assert (entry.item_id, entry.run_id, entry.vcm_version) == (before.item_id, before.run_id, VCM_VERSION)
+    assert rows(state, EffectiveRecord)[0].change_seq > record.change_seq  # by which indexes find the entry
     assert len(rows(state, ItemIdentification)) == 2  # what the run saw then stays
     assert check_index(state.database, study_code=None) == rebuild() == Described(kept=1)
 

@@ -11,11 +11,28 @@ from app.identification.sizes import (
     AS_EXPECTED,
     OWN_LOG_SD,
     FoodSize,
-    food_size,
-    size_log_likelihood,
+    food_sizes,
+    log_volume,
+    size_log_likelihoods,
 )
 
 APPLE = FoodSize(math.log(180.0), 0.3)
+
+
+def food_size(volumes_ml: list[float]) -> FoodSize | None:
+    """Of a food by its pieces, beside one of which no piece was measured."""
+    logs = [log for log in map(log_volume, volumes_ml) if not math.isnan(log)]
+    sums = [[float(len(logs)), 0.0], [sum(logs), 0.0], [sum(log**2 for log in logs), 0.0]]
+    means, sds = food_sizes(*np.array(sums))
+    assert np.isnan([means[1], sds[1]]).all()
+    return None if math.isnan(means[0]) else FoodSize(float(means[0]), float(sds[0]))
+
+
+def size_log_likelihood(size: FoodSize, volume_ml: float, relative_sd: float) -> float:
+    means, sds = np.array([[size.log_mean, math.nan], [size.log_sd, math.nan]])
+    told, unknown = size_log_likelihoods(means, sds, volume_ml, relative_sd)
+    assert unknown == 0.0
+    return float(told)
 
 
 def normal_density(value: float, mean: float, sd: float) -> float:

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from app.identification.examples import NumberedIndex
 from app.identification.groups import TEMPERATURE, group_probabilities
 from app.identification.identifier import Circumstances, Identifier
 from app.identification.kernel_classifier import Calibration
@@ -30,7 +31,7 @@ def test_group_is_a_class_of_its_own_with_the_scores_and_priors_of_its_members_t
 
 def test_region_between_two_foods_is_surely_of_their_group_and_of_no_other():
     apple, bun = pictures_of("apple", 1, seed=7)[0], pictures_of("bun", 1, seed=7)[0]
-    found = Identifier(small_index(), groups=BETWEEN).identify((apple + bun) / 2)
+    found = Identifier(NumberedIndex(small_index()), groups=BETWEEN).identify((apple + bun) / 2)
     best = found.candidates[0].probability
     assert best < 0.8
     assert group_of(found, "either").probability > max(0.8, best)
@@ -42,7 +43,7 @@ def test_region_between_two_foods_is_surely_of_their_group_and_of_no_other():
 
 
 def test_group_with_one_food_of_the_index_is_none_and_unknown_looks_belong_to_none():
-    identifier = Identifier(small_index(), groups=BETWEEN)
+    identifier = Identifier(NumberedIndex(small_index()), groups=BETWEEN)
     assert {each.food_key for each in identifier.identify(pictures_of("egg", 1)[0]).groups} == {"either", "others"}
     for look in LOOKS[4:]:
         found = identifier.identify(pictures_of(look, 1, seed=7)[0])
@@ -51,7 +52,7 @@ def test_group_with_one_food_of_the_index_is_none_and_unknown_looks_belong_to_no
 
 def test_size_speaks_for_a_group_as_for_its_members():
     index = small_index(volumes_ml={"apple": (100.0, 110.0), "bun": (100.0, 110.0)})
-    identifier = Identifier(index, groups=BETWEEN)
+    identifier = Identifier(NumberedIndex(index), groups=BETWEEN)
     between = (pictures_of("apple", 1, seed=7)[0] + pictures_of("bun", 1, seed=7)[0]) / 2
     fits, is_too_large = (
         group_of(identifier.identify(between, Circumstances(volume_ml=volume_ml)), "either").probability
