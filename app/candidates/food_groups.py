@@ -46,4 +46,5 @@ def _answer(candidate: Candidate, *, is_group: bool = False) -> CandidateAnswer:
         probability=round(candidate.probability, DECIMALS),
         specimens=candidate.specimens,
         is_group=is_group,
+        reasons=list(candidate.reasons),
     )

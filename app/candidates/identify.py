@@ -15,6 +15,7 @@ import uuid
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from datetime import datetime
 from functools import cached_property
 from typing import cast
 
@@ -24,7 +25,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
-from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
+from app.candidates.food_groups import (
+    DECIMALS,
+    SURE_FROM,
+    candidate_answers,
+    groups_of_foods,
+)
 from app.candidates.queries import AnyRow
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
@@ -38,6 +44,7 @@ from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
 from app.meals.stored.models import HintDetails, Meal
 from app.meals.stored.run_answer import ItemAnswer, RunAnswer, VcmAnswer
+from app.people.models import Study
 from app.people.tombstones import public_digest
 from app.vision.looks.vcm import LENGTH, LENGTHS
 
@@ -64,13 +71,19 @@ class IdentifyFoods:
         if not described:
             return
         try:
-            of_meal = Circumstances(
-                day_minute=local_minute(meal.captured_at, meal.time_zone),
-                own=self._confirmed_foods(meal),
-                eater=str(meal.participant_id),
-            )
+            of_meal = self._circumstances(meal)
+            hints = _hints(meal, answer)
             with self._learned.identifier_for(meal) as identifier:
                 identified = [_identify(*each, of_meal, identifier) for each in described]
+                foods = [
+                    _sure_food(item, hints, identification)
+                    for (item, _), identification in zip(described, identified, strict=True)
+                ]
+                for place, each in enumerate(described):
+                    beside = frozenset(food for food in foods[:place] + foods[place + 1 :] if food)
+                    if beside:
+                        of_item = replace(of_meal, beside=beside)
+                        identified[place] = _identify(*each, of_item, identifier)
                 for (item, _), identification in zip(described, identified, strict=True):
                     if identification is not None:
                         item.candidates = candidate_answers(identification)[:MOST_SEALED]
@@ -84,17 +97,45 @@ class IdentifyFoods:
                 raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))
 
-    def _confirmed_foods(self, meal: Meal) -> list[Eaten]:
-        """Return the foods that the participant has confirmed; one that only the server identified shows no habit."""
+    def _circumstances(self, meal: Meal) -> Circumstances:
+        """Return the hour, and what the participant has confirmed; what only the server named shows no habit."""
         with self._database.read() as session:
+            if not session.get_one(Study, meal.study_id).identifies_by_context:
+                return Circumstances(looks_alone=True)
             rows = index_entries.eaten_before(
                 session, meal.participant_id, without_meal=meal.id, most=MOST_OF_EATER
             )
-        return [
-            Eaten(row.food_key, local_minute(row.captured_at, row.time_zone))
-            for row in rows
-            if FOOD_IDENTIFIED not in row.flags
-        ]
+        foods_at: dict[datetime, set[str]] = {}
+        for row in rows:
+            foods_at.setdefault(row.captured_at, set()).add(row.food_key)
+        return Circumstances(
+            day_minute=local_minute(meal.captured_at, meal.time_zone),
+            own=[
+                Eaten(
+                    row.food_key,
+                    local_minute(row.captured_at, row.time_zone),
+                    frozenset(foods_at[row.captured_at] - {row.food_key}),
+                )
+                for row in rows
+                if FOOD_IDENTIFIED not in row.flags
+            ],
+            eater=str(meal.participant_id),
+        )
+
+
+def _hints(meal: Meal, answer: RunAnswer) -> Sequence[HintDetails]:
+    """Return the hints that the answer's items name; a run on redrawn regions has hints of its own."""
+    return meal.details["hints"] if not answer.regions else []
+
+
+def _sure_food(
+    item: ItemAnswer, hints: Sequence[HintDetails], identification: Identification | None
+) -> str | None:
+    """Return the food of an item beside others: its hint's, or what it is surely by its looks."""
+    if hints and item.hint is not None and (food := hints[item.hint].get("food")):
+        return food
+    best = identification.candidates[0] if identification is not None else None
+    return best.food_key if best is not None and best.probability >= SURE_FROM else None
 
 
 def _identify(
@@ -118,9 +159,7 @@ def note_doubtful_scale(meal: Meal, answer: RunAnswer, identifier: Identifier) -
         return
     lengths_mm = dict(cast(dict[str, list[float]], answer.parameters.get("rim_radii_mm", {})))
     lengths_mm["camera"] = [cast(float, answer.parameters["camera_height_first_mm"])]
-    hints = (
-        meal.details["hints"] if not answer.regions else []
-    )  # a run on redrawn regions has hints of its own
+    hints = _hints(meal, answer)
     foods = [
         MeasuredFood(
             item.volume_ml, math.hypot(*item.relative_sd.values()), _kinds(item, hints, identifier)

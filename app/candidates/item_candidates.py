@@ -26,11 +26,12 @@ from app.meals.stored.run_answer import CandidateAnswer, ItemAnswer
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A food that an item may be. probability: by its source; None: a hint's."""
+    """A food that an item may be. probability: by its source; None: a hint's. reasons: beside its looks."""
 
     food: Food
     probability: float | None
     source: CandidateSource
+    reasons: Sequence[str] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +89,10 @@ def candidates_of_records(
     by_id = {food.id: food for food in foods.foods_by_id(session, named)} if named else {}
     return {
         item_id: ItemCandidates(
-            tuple(Candidate(by_id[row.food_id], row.probability, row.source) for row in chosen),
+            tuple(
+                Candidate(by_id[row.food_id], row.probability, row.source, row.reasons or ())
+                for row in chosen
+            ),
             identification,
         )
         for item_id, (chosen, identification) in current.items()
@@ -102,6 +106,7 @@ MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 
 Seen = tuple[Item, ItemAnswer]  # an item and its part of the run's answer
+Named = tuple[Food, CandidateAnswer]  # a candidate and its food in force
 
 
 def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -> list[Food | None]:
@@ -138,25 +143,25 @@ def save_candidates(session: Session, run_id: uuid.UUID, seen: Sequence[Seen]) -
                 item_id=item.id,
                 position=position,
                 food_id=food.id,
-                probability=probability,
+                probability=candidate.probability,
                 source=source,
                 run_id=run_id,
+                reasons=candidate.reasons or None,
             )
-            for position, (source, (food, probability)) in enumerate(
+            for position, (source, (food, candidate)) in enumerate(
                 from_all, start=places.get(item.id, 0)
             )
         )
-        likely.append(_assigned(answer, candidates))
+        likely.append(_assigned(candidates))
     session.flush()
     return likely
 
 
-def _assigned(answer: ItemAnswer, candidates: Sequence[tuple[Food, float]]) -> Food | None:
+def _assigned(candidates: Sequence[Named]) -> Food | None:
     """Return the first candidate's food if nobody need be asked."""
     if not candidates:
         return None
-    food = candidates[0][0]
-    first = next(each for each in answer.candidates if each.food == food.key)
+    food, first = candidates[0]
     is_likely = first.probability >= (GROUP_SURE_FROM if first.is_group else SURE_FROM)
     is_known = first.specimens is None or first.specimens >= FEWEST_SPECIMENS
     return food if is_likely and is_known else None
@@ -186,7 +191,7 @@ def _next_places(session: Session, items: Collection[uuid.UUID]) -> dict[uuid.UU
 
 def _candidates(
     answer: ItemAnswer, foods_by_key: Mapping[str, Food]
-) -> tuple[list[tuple[Food, float]], float | None]:
+) -> tuple[list[Named], float | None]:
     """Return the saved candidates, best first, and the probability of none of them; None: not identified."""
     if answer.index_version is None or answer.none_probability is None:
         return [], None
@@ -196,13 +201,14 @@ def _candidates(
 
 def _known(
     candidates: Sequence[CandidateAnswer], foods_by_key: Mapping[str, Food]
-) -> tuple[list[tuple[Food, float]], float]:
+) -> tuple[list[Named], float]:
     """Return those of a food table in force, best first, and the probability of the others."""
-    kept, unknown = [], 0.0
+    kept: list[Named] = []
+    unknown = 0.0
     for candidate in candidates:
         food = foods_by_key.get(candidate.food)
         if food is None:
             unknown += 0.0 if candidate.is_group else candidate.probability
         elif candidate.probability >= LEAST_PROBABILITY:
-            kept.append((food, candidate.probability))
+            kept.append((food, candidate))
     return kept[:MOST_CANDIDATES], unknown

@@ -10,14 +10,22 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.identification.examples import Examples, NumberedIndex
 from app.identification.food_index import FoodIndex
 from app.identification.groups import group_probabilities
-from app.identification.habits import Eaten, log_prior, new_food_share, time_weights
+from app.identification.habits import (
+    COMPANY,
+    USUAL,
+    Eaten,
+    log_prior,
+    new_food_share,
+    time_weights,
+)
 from app.identification.kernel_classifier import KernelClassifier, posterior
 from app.identification.metric import Vectors
-from app.identification.sizes import FoodSize, food_sizes, size_log_likelihoods
+from app.identification.sizes import SIZE_TELLS, FoodSize, food_sizes, size_log_likelihoods
 
 MOST_CANDIDATES = 200  # of thousands of foods; nobody reads the others
 
@@ -28,6 +36,8 @@ class Circumstances:
 
     own: the confirmed items of its eater
     day_minute: local
+    beside: foods of the same meal
+    looks_alone: nothing of this counts
     """
 
     volume_ml: float | None = None
@@ -35,6 +45,8 @@ class Circumstances:
     day_minute: int | None = None
     own: Sequence[Eaten] = ()
     eater: str | None = None
+    beside: frozenset[str] = frozenset()
+    looks_alone: bool = False
 
 
 NO_CIRCUMSTANCES = Circumstances()
@@ -46,6 +58,8 @@ class Candidate:
 
     name, label: of the shipped index, None for a food that was learned.
     specimens: pieces or servings that it is known by
+    reasons: what speaks for or against it beside its looks: eaten_before, eaten_with, usual_in_study,
+        size_fits, size_unusual
     """
 
     name: str | None
@@ -53,6 +67,7 @@ class Candidate:
     food_key: str
     probability: float
     specimens: int
+    reasons: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,17 +160,18 @@ class Identifier:
         views = index.metric.embed(np.atleast_2d(np.asarray(vector, np.float64)))
         scores: Vectors = np.mean([self._scores(view) for view in views], axis=0)[known]
         likelihoods, none = index.calibration.log_likelihoods(scores[None])
-        sizes = size_log_likelihoods(
-            self._log_means[known],
-            self._log_sds[known],
-            circumstances.volume_ml,
-            circumstances.volume_relative_sd,
-        )
-        log_odds = sizes + self._habits(circumstances)
+        log_odds, reasons = self._context(circumstances)
         shares, none_share = posterior(likelihoods, none, log_odds, self._none_prior)
         best = np.argsort(-shares[0], kind="stable")[:MOST_CANDIDATES]
         return Identification(
-            tuple(self._candidate(int(known[i]), float(shares[0, i])) for i in best),
+            tuple(
+                self._candidate(
+                    int(known[i]),
+                    float(shares[0, i]),
+                    tuple(name for name, holds in reasons.items() if holds[i]),
+                )
+                for i in best
+            ),
             self._group_candidates(scores, log_odds),
             float(none_share[0]),
             self.version,
@@ -178,25 +194,47 @@ class Identifier:
         classifier = KernelClassifier(examples.astype(np.float64), foods, len(self._names))
         return classifier.scores(view[None]).ravel()
 
-    def _habits(self, circumstances: Circumstances) -> Vectors:
-        """(known,) log prior of each food."""
+    def _context(
+        self, circumstances: Circumstances
+    ) -> tuple[Vectors, dict[str, NDArray[np.bool_]]]:
+        """(known,) log odds of each food by size and habit; reason -> (known,) for which it holds."""
+        known, nothing = self._known, np.zeros(len(self._known))
+        if circumstances.looks_alone:
+            return log_prior(nothing, nothing), {}
+        sizes = size_log_likelihoods(
+            self._log_means[known],
+            self._log_sds[known],
+            circumstances.volume_ml,
+            circumstances.volume_relative_sd,
+        )
         count, weights = len(self._names), time_weights(circumstances.day_minute)
         facts, eater = self._own.facts, circumstances.eater
         counts = weights[facts["minute"]]
         if eater is not None:
             counts[facts["eater"] == hash(eater)] = 0.0
-        of_study = np.bincount(facts["food"], counts, count).astype(np.float64)
-        of_own = np.zeros(count)
+        of_study = np.bincount(facts["food"], counts, count).astype(np.float64)[known]
+        of_own, of_company = np.zeros(count), np.zeros(count)
         for eaten in circumstances.own:
             if eaten.food_key in self._numbered.foods:
-                of_own[self._numbered.foods[eaten.food_key]] += weights[eaten.day_minute]
-        return log_prior(of_own[self._known], of_study[self._known])
+                number, weight = self._numbered.foods[eaten.food_key], weights[eaten.day_minute]
+                of_own[number] += weight
+                of_company[number] += weight * (not eaten.beside.isdisjoint(circumstances.beside))
+        own, company = of_own[known], of_company[known]
+        study_share = log_prior(nothing, of_study)
+        reasons = {
+            "eaten_before": own > 0.0,
+            "eaten_with": company > 0.0,
+            "usual_in_study": (of_study > 0.0) & (study_share > np.log(USUAL / len(known))),
+            "size_fits": sizes > SIZE_TELLS,
+            "size_unusual": sizes < -SIZE_TELLS,
+        }
+        return sizes + log_prior(own + (COMPANY - 1.0) * company, of_study), reasons
 
-    def _candidate(self, number: int, probability: float) -> Candidate:
+    def _candidate(self, number: int, probability: float, reasons: tuple[str, ...]) -> Candidate:
         shipped = self._numbered.index.foods[number : number + 1]
         name, label = (shipped[0].name, shipped[0].label) if shipped else (None, None)
         return Candidate(
-            name, label, self._names[number], probability, int(self._specimens[number])
+            name, label, self._names[number], probability, int(self._specimens[number]), reasons
         )
 
 

@@ -69,6 +69,9 @@ def size_log_likelihoods(
     return np.nan_to_num(ratios, nan=0.0)
 
 
+SIZE_TELLS = math.log(1.5)  # log likelihood ratio from which on a size is told as a reason
+
+
 LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
 DECLARED_RIGHT, PRINT_LOG_SD = (
     0.95,

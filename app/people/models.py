@@ -84,7 +84,8 @@ class Study(Base):
     an after-meal pair is expected after the meal began. day_starts_minutes: after midnight; an
     earlier meal belongs to the day before. retention_days: photographs and derived pictures are
     deleted so many days after upload; NULL: they stay. shares_index: this study's confirmed items
-    also help to identify foods of other studies. web_origins: of web apps that its participants may
+    also help to identify foods of other studies. identifies_by_context: sizes and habits count beside
+    looks. web_origins: of web apps that its participants may
     use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none. is_sandbox: for authors
     of apps, never for real participants (docs/sandbox.md); it never changes. version grows with
     every change of the protocol.
@@ -108,6 +109,7 @@ class Study(Base):
     gives_feedback: Mapped[bool] = mapped_column(default=False)
     day_starts_minutes: Mapped[int] = mapped_column(default=0)
     shares_index: Mapped[bool] = mapped_column(default=False)
+    identifies_by_context: Mapped[bool] = mapped_column(default=True, server_default=sa.true())
     web_origins: Mapped[list[str] | None] = mapped_column(JsonValue)
     reminder_times: Mapped[list[str] | None] = mapped_column(JsonValue)
     is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())

@@ -106,6 +106,10 @@ class ProtocolIn(BaseModel):
         description="Whether all studies of this server learn from its confirmed items: features of a food's "
         "appearance, the food and its volume; never photographs or personal data.",
     )
+    identifies_by_context: bool = Field(
+        default=True,
+        description="Whether sizes and habits help to identify foods, beside their looks.",
+    )
     web_origins: list[Annotated[Text, Field(max_length=300)]] = Field(
         default=[],
         max_length=20,
@@ -184,6 +188,9 @@ class StudyOut(BaseModel):
     day_starts: str = Field(description="HH:MM: a meal before it belongs to the day before.")
     shares_index: bool = Field(
         description="Whether all studies of this server learn from its confirmed items (figures only, no photographs)."
+    )
+    identifies_by_context: bool = Field(
+        description="Whether sizes and habits help to identify foods, beside their looks."
     )
     web_origins: list[str] = Field(
         description="Origins of web apps that participants may use, beside those of the server's setting."

@@ -35,6 +35,7 @@ class ProtocolChange(TypedDict, total=False):
     gives_feedback: bool
     day_starts_minutes: int
     shares_index: bool
+    identifies_by_context: bool
     web_origins: list[str] | None
     reminder_times: list[str] | None
 

@@ -358,6 +358,9 @@ class CandidateOut(BaseModel):
     source: CandidateSource = Field(
         description="hint, the phone's; index; or model, a network that the operator supplies"
     )
+    reasons: list[str] = Field(
+        description="What speaks for it, or against it, beside its looks: docs/identification.md."
+    )
 
 
 class ItemOut(BaseModel):

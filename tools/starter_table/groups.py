@@ -78,4 +78,4 @@ def mean_contents(members: Sequence[Mapping[str, float]]) -> dict[str, float]:
 
 def _edible_share(food: Mapping[str, Any]) -> float:
     """Of what lies on the plate."""
-    return 1.0 - sum(percent for _, percent, is_served in food["refuse"] if is_served) / 100.0
+    return 1.0 - sum(float(part[1]) for part in food["refuse"] if part[2]) / 100.0

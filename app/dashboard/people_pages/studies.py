@@ -30,7 +30,7 @@ from app.people.studies_api import protocol_columns, render_study
 
 router = APIRouter(include_in_schema=False)
 
-SWITCHES = ("expects_after_pair", "gives_feedback", "shares_index")
+SWITCHES = ("expects_after_pair", "gives_feedback", "identifies_by_context", "shares_index")
 # an emptied field removes the value
 NULLABLE: tuple[Literal["retention_days", "location_decimals", "marker"], ...] = (
     "retention_days",
@@ -44,6 +44,8 @@ MEANING: Mapping[str, str] = {  # hints below the fields
     "after_window_minutes": "From 5 to 2880, which is two days.",
     "shares_index": "All studies of this server learn from the confirmed items of this one: from figures that describe "
     "how a food looked, which food it was, and its volume. Never from photographs or personal data.",
+    "identifies_by_context": "Beside a food's looks, its size counts, and what the participant and the study eat at "
+    "that hour. Without them a food that is eaten often is not named more easily than another.",
     "location_policy": "If places are not kept, earlier ones are no longer shown either, and exports that contain them "
     "expire; a release that was frozen with them keeps them.",
     "location_decimals": "0 to 4; 2 decimals are about a kilometre.",

@@ -49,6 +49,7 @@ PROTOCOL = (  # parts of a study's protocol that explain the data
     "withdrawal_policy",
     "retention_days",
     "gives_feedback",
+    "identifies_by_context",
     "day_starts_minutes",
     "version",
 )

@@ -239,7 +239,7 @@ class ItemCandidate(Base):
 
     Append-only: if a later run identifies the item again, its candidates get the next positions and
     replace the earlier ones. run_id: NULL for the run that found the item. probability: NULL for a
-    hint.
+    hint. reasons: what speaks for or against it beside its looks.
     """
 
     __tablename__ = "item_candidate"
@@ -251,6 +251,7 @@ class ItemCandidate(Base):
     probability: Mapped[float | None]
     source: Mapped[CandidateSource] = mapped_column(sa.String(16))
     run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"), index=True)
+    reasons: Mapped[list[str] | None] = mapped_column(JsonValue)
 
 
 class ItemFood(Base):

@@ -35,12 +35,14 @@ class CandidateAnswer(_Answer):
 
     specimens: pieces or servings that the index knows it by; None: a network's
     is_group: of foods, which are candidates themselves
+    reasons: what speaks for or against it beside its looks (identification/identifier.py)
     """
 
     food: str
     probability: float
     specimens: int | None = None
     is_group: bool = False
+    reasons: list[str] = []
 
 
 class ItemAnswer(_Answer):

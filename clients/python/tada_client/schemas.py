@@ -85,6 +85,7 @@ class CandidateOut(TypedDict):
     food: "FoodRef"
     probability: float | None
     source: Literal["hint", "index", "model"]
+    reasons: list[str]
 
 
 class ChangePage(TypedDict):
@@ -912,6 +913,7 @@ class StudyIn(TypedDict):
     gives_feedback: NotRequired[bool]
     day_starts: NotRequired[str]
     shares_index: NotRequired[bool]
+    identifies_by_context: NotRequired[bool]
     web_origins: NotRequired[list[str]]
     reminder_times: NotRequired[list[str]]
     code: str
@@ -934,6 +936,7 @@ class StudyOut(TypedDict):
     gives_feedback: bool
     day_starts: str
     shares_index: bool
+    identifies_by_context: bool
     web_origins: list[str]
     reminder_times: list[str]
     sandbox: bool

@@ -353,3 +353,26 @@ def test_marker_that_was_declared_at_twice_its_size_is_doubted(
     IdentifyFoods(state.database, lambda: known).add_candidates(meal, found)
     assert ("scale_doubtful" in found.items[0].flags) is is_doubted
     assert found.parameters.get("plausible_scale_factor", 1.0) == pytest.approx(0.5 if is_doubted else 1.0, abs=0.07)
+
+
+def test_candidates_say_what_counts_beside_their_looks_and_a_study_can_do_without(kitchen, phone, looks, state):
+    banana, plum = looks("banana")[0][0], looks("plum")[0][0]
+    meal = kitchen.serve(phone, banana, plum, captured_at=NOON)
+    for item, food in zip(meal.items(), ("banana", "plum"), strict=True):
+        meal.say("set_food", item=item["id"], food=food)
+
+    def reasons():
+        hints = [{"point": [3, 3]}, {"point": [200, 200], "food": "plum"}]
+        body = meal_metadata(captured_at=EVENING, hints=hints)
+        assert phone.post(pair(), body).status_code == 202
+        kitchen.children.items = [
+            found_item(20.0, hint, vcm=vcm(*vector)) for hint, vector in enumerate((banana, plum))
+        ]
+        kitchen.work()
+        (item, _) = Speaker(phone.client, phone.headers, body["id"]).items()
+        return {one["food"]["key"]: one["reasons"] for one in item["candidates"]}
+
+    assert {"eaten_before", "eaten_with"} <= set(reasons()["banana"])
+    with state.database.write() as session:
+        session.execute(sa.update(Study).values(identifies_by_context=False))
+    assert set(map(tuple, reasons().values())) == {()}

@@ -189,3 +189,50 @@ def test_food_is_found_among_thousands_of_examples_and_of_them_the_likeliest_are
     assert keys(found)[0] == "tofu-raw"
     assert len(found.candidates) == MOST_CANDIDATES
     assert sum(one.probability for one in found.candidates) + found.none_probability < 1.0
+
+
+# ---- context
+
+
+def probabilities(identifier, look, circumstances):
+    return {one.food_key: one for one in identifier.identify(asked(look), circumstances).candidates}
+
+
+def test_candidate_s_reasons_are_what_counts_beside_its_looks():
+    identifier = identifier_of(small_index(volumes_ml={"egg": (50.0, 60.0)}), learned("bun", 30, eater="you"))
+    own = [Eaten("plum-raw", 720, frozenset({"egg-raw"}))]
+    circumstances = Circumstances(55.0, day_minute=720, own=own, eater="me", beside=frozenset({"egg-raw"}))
+    found = probabilities(identifier, "yam", circumstances)
+    assert {key: one.reasons for key, one in found.items()} == {
+        "apple-raw": (),
+        "bun-raw": ("usual_in_study",),
+        "egg-raw": ("size_fits",),
+        "plum-raw": ("eaten_before", "eaten_with"),
+    }
+    found = probabilities(identifier, "yam", replace(circumstances, volume_ml=900.0, beside=frozenset()))
+    assert (found["egg-raw"].reasons, found["plum-raw"].reasons) == (("size_unusual",), ("eaten_before",))
+
+
+def test_what_was_eaten_with_a_food_beside_counts_three_times():
+    identifier = identifier_of(small_index())
+    own = [Eaten("plum-raw", 720, frozenset({"egg-raw"}))] * 4
+
+    def odds(beside):
+        circumstances = Circumstances(day_minute=720, own=own, beside=beside)
+        found = probabilities(identifier, "yam", circumstances)
+        return found["plum-raw"].probability / found["bun-raw"].probability
+
+    equal = STUDY_WEIGHT / 4
+    assert odds(frozenset({"egg-raw"})) / odds(frozenset()) == pytest.approx((12 + equal) / (4 + equal))
+
+
+def test_by_looks_alone_neither_size_nor_habit_counts():
+    identifier = identifier_of(small_index(volumes_ml={"egg": (50.0, 60.0)}), learned("bun", 30, eater="you"))
+    own = [Eaten("plum-raw", 720)] * 9
+    alone = Circumstances(55.0, day_minute=720, own=own, looks_alone=True)
+    found = identifier.identify(asked("yam"), alone)
+    scores = {one.food_key: one.probability for one in found.candidates}
+    assert all(one.reasons == () for one in found.candidates)
+    plain = identifier_of(small_index(), learned("bun", 30, eater="you"))
+    without = {one.food_key: one.probability for one in plain.identify(asked("yam"), replace(alone, own=())).candidates}
+    assert scores == pytest.approx(without)
