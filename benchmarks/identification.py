@@ -38,13 +38,13 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
-from app.candidates.food_groups import (  # noqa: E402
+from app.candidates.food_groups import groups_of_foods  # noqa: E402
+from app.candidates.identify_photo import UNPOINTED_NONE_PRIOR, identify_unpointed  # noqa: E402
+from app.candidates.item_candidates import (  # noqa: E402
+    FEWEST_SPECIMENS,
     GROUP_SURE_FROM,
     SURE_FROM,
-    groups_of_foods,
 )
-from app.candidates.identify_photo import UNPOINTED_NONE_PRIOR, identify_unpointed  # noqa: E402
-from app.candidates.item_candidates import FEWEST_SPECIMENS  # noqa: E402
 from app.candidates.labelled_folder import labelled_photos  # noqa: E402
 from app.identification.build_index import (  # noqa: E402
     fit_calibration,

@@ -7,14 +7,13 @@ covers them (docs/food-table.md).
 from collections.abc import Mapping
 from functools import cache
 
+from app.candidates.item_candidates import SURE_FROM
 from app.identification.identifier import Candidate, Identification
 from app.meals.stored.run_answer import CandidateAnswer
 from app.nutrition.foods import load_starter_table
 
-# What is so likely is assigned without asking. A wrong food must not enter sums unnoticed: of those
-# that the index does not know, 3 in 100 reach this.
-SURE_FROM, GROUP_SURE_FROM = 0.85, 0.9
 GROUP_FROM = 0.5  # of a group that is offered
+LEAST_ADDED = 0.1  # by the other foods of a group: else it says no more than its likeliest one
 DECIMALS = 6
 
 
@@ -27,7 +26,7 @@ def candidate_answers(identification: Identification) -> list[CandidateAnswer]:
     groups = [
         _answer(each, is_group=True)
         for each in identification.groups
-        if each.probability >= max(GROUP_FROM, best)
+        if each.probability >= max(GROUP_FROM, best + LEAST_ADDED)
     ]
     return [*groups, *foods]
 

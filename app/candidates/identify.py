@@ -27,10 +27,10 @@ from sqlalchemy.orm import Session
 from app.candidates import queries as index_entries
 from app.candidates.food_groups import (
     DECIMALS,
-    SURE_FROM,
     candidate_answers,
     groups_of_foods,
 )
+from app.candidates.item_candidates import SURE_FROM
 from app.candidates.queries import AnyRow
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing

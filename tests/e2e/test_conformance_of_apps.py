@@ -68,7 +68,8 @@ def test_python_client_passes(judge):
         meals = [phone.send_meal(uuid.uuid4(), METADATA, photographs) for photographs in PAIRS]
         assert [meal["missing"] for meal in meals] == [[], []]
         meal = phone.wait_for_estimate(meals[0]["id"])
-        event = {"kind": "confirm", "item": meal["items"][0]["id"]}
+        item = meal["items"][0]
+        event = {"kind": "set_food", "food": item["candidates"][0]["food"]["key"], "item": item["id"]}
         with pytest.raises(Problem, match="precondition_failed"):
             phone.send_event(meal, event)
         assert phone.send_event(phone.get_meal(meal["id"]), event)["version"] > meal["version"]
@@ -122,9 +123,9 @@ def test_capture_page_passes(judge, open_page):
     # the newest first, by their EXIF
     apple, salad = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]
     page.click(f"li[data-meal='{apple}'] a")
-    page.get_by_role("button", name="That is right").first.click()
+    page.get_by_role("button", name="Apple, raw, with skin").first.click()
     page.get_by_text("The meal has changed meanwhile. This is ").wait_for()
-    page.get_by_role("button", name="That is right").first.click()
+    page.get_by_role("button", name="Apple, raw, with skin").first.click()
     page.wait_for_selector("li[data-status=confirmed]")
     page.once("dialog", lambda dialog: dialog.accept())
     page.goto(f"{judge.address}/capture/#meal/{salad}")

@@ -47,7 +47,7 @@ def test_demo_runs_from_an_installed_wheel(tmp_path):
     assert 100 < volume_ml < 300, done.stdout  # an apple; how exact it is, the benchmark tells
     assert re.search(r"processing: \w+", done.stdout), "a run of a second or two shows some of its stages"
     assert re.search(r"\d\d\.\d%  Apple", done.stdout), "the apple is seen to be one"
-    for word in ("mass", "Energy", "edible", "estimated", "confirmed"):
+    for word in ("mass", "Energy", "edible", "needs_review", "confirmed"):
         assert word in done.stdout
     written = {path.name for path in (tmp_path / "pictures").iterdir()}
     for name in PICTURES:

@@ -20,7 +20,8 @@ for (const pair of ["", "salad_pear"]) {
   meals.push(await phone.sendMeal(newId(), metadata, { left: photograph("left"), right: photograph("right") }));
 }
 let meal = await phone.waitForEstimate(meals[0].id);
-const event = { id: newId(), kind: "confirm", item: meal.items[0].id };
+const [item] = meal.items;
+const event = { id: newId(), kind: "set_food", food: item.candidates[0].food.key, item: item.id };
 try {
   await phone.sendEvent(meal, event);
   throw new Error("the first change was to be refused");

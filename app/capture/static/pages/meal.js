@@ -121,7 +121,7 @@ export async function showMeal(main, { t, phone, client, go }, id) {
       h("p", {}, grams),
       canConfirm && isWaiting(item) ? h("p", { class: "good" }, `✓ ${t("confirm")} · ${t("state_waiting")}`) : null,
       canConfirm && !isWaiting(item) ? button(t("confirm"), () => say({ kind: "confirm", item: item.id }), { kind: "main" }) : null,
-      h("details", {}, h("summary", {}, t("correct")), ...corrections(item)),
+      h("details", { open: !item.food }, h("summary", {}, t("correct")), ...corrections(item)),
     );
   }
 
