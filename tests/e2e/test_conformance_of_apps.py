@@ -123,10 +123,10 @@ def test_capture_page_passes(judge, open_page):
     # the newest first, by their EXIF
     apple, salad = [row.get_attribute("data-meal") for row in page.locator("li[data-state=sent]").all()]
     page.click(f"li[data-meal='{apple}'] a")
-    page.get_by_role("button", name="Apple, raw, with skin").first.click()
+    page.locator(".choices button").first.click()
     page.get_by_text("The meal has changed meanwhile. This is ").wait_for()
-    page.get_by_role("button", name="Apple, raw, with skin").first.click()
-    page.wait_for_selector("li[data-status=confirmed]")
+    page.locator(".choices button").first.click()
+    page.wait_for_selector("li[data-status=corrected]")
     page.once("dialog", lambda dialog: dialog.accept())
     page.goto(f"{judge.address}/capture/#meal/{salad}")
     page.get_by_role("button", name="Erase this meal").click()
