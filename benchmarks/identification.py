@@ -54,7 +54,7 @@ from app.identification.build_index import (  # noqa: E402
 from app.identification.examples import NumberedIndex  # noqa: E402
 from app.identification.food_index import FoodIndex, shipped_index  # noqa: E402
 from app.identification.groups import group_probabilities  # noqa: E402
-from app.identification.habits import log_prior  # noqa: E402
+from app.identification.habits import NEW_FOODS, NEW_OF, log_prior  # noqa: E402
 from app.identification.identifier import Identifier  # noqa: E402
 from app.identification.kernel_classifier import (  # noqa: E402  # found from the checkout, installed or not
     NONE_PRIOR,
@@ -79,8 +79,7 @@ from tools.food_index import (  # noqa: E402
 )
 from tools.food_metric import LAYOUT, fit_metric  # noqa: E402
 
-STUDY_NONE_PRIOR = 0.3  # that a study begins with (habits.py)
-TEMPERATURE = 0.08  # of the scores, as the shipped index has
+STUDY_NONE_PRIOR = NEW_FOODS / NEW_OF  # that a study begins with
 EPISODES = 15  # ways to choose one or three photographs of each food
 WHITE_BALANCES = {
     "as taken": (1.0, 1.0, 1.0),
@@ -299,7 +298,7 @@ def print_learning(regions: Regions) -> None:
                     eaten[place] = count  # at this time of day; nobody else has eaten anything
                     habit = log_prior(eaten, np.zeros_like(eaten))
                     label = np.full(len(asked), place)
-                    likely = scores / TEMPERATURE + habit
+                    likely = scores / shipped_index().calibration.temperature + habit
                     found[count] += zip(ranks(scores, label), ranks(likely, label), strict=True)
     print("a new food, confirmed   by looks alone:                by looks and habit:")
     print("                        first   first 3   first 5      first   first 3   first 5")

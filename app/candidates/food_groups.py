@@ -1,4 +1,4 @@
-"""What an item surely is where no single food is likely enough: groups of foods, as candidates.
+"""Groups of foods as candidates: what an item surely is where no single food is likely enough.
 
 A group is a food of the starter table, with the mean figures of its members and a spread that
 covers them (docs/food-table.md).
@@ -19,14 +19,14 @@ DECIMALS = 6
 
 def candidate_answers(identification: Identification) -> list[CandidateAnswer]:
     """Return the foods, and the groups that say more than they do, best first."""
-    foods = [_answer(each) for each in identification.candidates]
+    foods = [_answer(food) for food in identification.candidates]
     best = foods[0].probability if foods else 1.0
     if best >= SURE_FROM:
         return foods
     groups = [
-        _answer(each, is_group=True)
-        for each in identification.groups
-        if each.probability >= max(GROUP_FROM, best + LEAST_ADDED)
+        _answer(group, is_group=True)
+        for group in identification.groups
+        if group.probability >= max(GROUP_FROM, best + LEAST_ADDED)
     ]
     return [*groups, *foods]
 

@@ -25,11 +25,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
-from app.candidates.food_groups import (
-    DECIMALS,
-    candidate_answers,
-    groups_of_foods,
-)
+from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
 from app.candidates.item_candidates import SURE_FROM
 from app.candidates.queries import AnyRow
 from app.candidates.vcm_json import numbers_of
@@ -74,16 +70,16 @@ class IdentifyFoods:
             of_meal = self._circumstances(meal)
             hints = _hints(meal, answer)
             with self._learned.identifier_for(meal) as identifier:
-                identified = [_identify(*each, of_meal, identifier) for each in described]
+                identified = [_identify(item, vcm, of_meal, identifier) for item, vcm in described]
                 foods = [
                     _sure_food(item, hints, identification)
                     for (item, _), identification in zip(described, identified, strict=True)
                 ]
-                for place, each in enumerate(described):
-                    beside = frozenset(food for food in foods[:place] + foods[place + 1 :] if food)
-                    if beside:
-                        of_item = replace(of_meal, beside=beside)
-                        identified[place] = _identify(*each, of_item, identifier)
+                for place, (item, vcm) in enumerate(described):
+                    others = foods[:place] + foods[place + 1 :]
+                    of_item = replace(of_meal, beside=frozenset(filter(None, others)))
+                    if of_item.has_company:
+                        identified[place] = _identify(item, vcm, of_item, identifier)
                 for (item, _), identification in zip(described, identified, strict=True):
                     if identification is not None:
                         item.candidates = candidate_answers(identification)[:MOST_SEALED]
@@ -98,7 +94,10 @@ class IdentifyFoods:
             log.exception("identify_failed", meal_id=str(meal.id))
 
     def _circumstances(self, meal: Meal) -> Circumstances:
-        """Return the hour, and what the participant has confirmed; what only the server named shows no habit."""
+        """Return the hour and what the participant has confirmed.
+
+        What only the server named shows no habit.
+        """
         with self._database.read() as session:
             if not session.get_one(Study, meal.study_id).identifies_by_context:
                 return Circumstances(looks_alone=True)
@@ -124,7 +123,7 @@ class IdentifyFoods:
 
 
 def _hints(meal: Meal, answer: RunAnswer) -> Sequence[HintDetails]:
-    """Return the hints that the answer's items name; a run on redrawn regions has hints of its own."""
+    """Return the hints that the answer's items name: none in a run on redrawn regions."""
     return meal.details["hints"] if not answer.regions else []
 
 
@@ -210,7 +209,7 @@ class LearnedIndex:
 
     @contextmanager
     def identifier_for(self, meal: Meal) -> Iterator[Identifier]:
-        """The index with the confirmed items of the meal's study and of sharing studies, except this meal's."""
+        """Yield the index with the confirmed items of all studies that the meal's learns from, but its own."""
         with self._lock:
             with self._database.read() as session:
                 used = {
@@ -243,7 +242,7 @@ class LearnedIndex:
 
 
 def _examples(study_id: uuid.UUID, entries: Sequence[AnyRow]) -> list[Example]:
-    """Return entries with their vectors, without damaged ones, which would spoil all answers of the study.
+    """Return the entries whose vectors can be compared: a damaged one would spoil all answers.
 
     A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed). One of an
     unknown version cannot be compared.

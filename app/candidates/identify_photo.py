@@ -33,7 +33,8 @@ from app.vision.marker_spec import MarkerSpec
 from app.vision.model import ImageArray, Photo
 
 UNPOINTED_NONE_PRIOR = 0.5  # of a proposed box: it may as well contain the plate
-# of all of a photograph, from which on no food fills it: with a food on a plate it is 0.80 and more in nine of ten
+# probability of none, for all of a photograph, from which on no food fills it: with a food on a
+# plate it is 0.80 or more in nine of ten
 NONE_OF_PLATE = 0.78
 
 
@@ -50,13 +51,18 @@ class IdentifiedPlace:
 
     @property
     def probability(self) -> float:
-        """Of the best candidate."""
+        """Return the best candidate's probability."""
         return self.identification.candidates[0].probability
 
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedPhoto:
-    """place: the surest. others: where other foods surely are. seconds: duration without decoding."""
+    """What a photograph shows.
+
+    place: the surest
+    others: where other foods surely are
+    seconds: duration without decoding
+    """
 
     place: IdentifiedPlace
     others: tuple[IdentifiedPlace, ...]
@@ -94,22 +100,22 @@ def identify_photo(
 
 
 def identify_unpointed(pixels: ImageArray, identifier: Identifier) -> list[IdentifiedPlace]:
-    """Identify the food that fills a photograph, (H, W, 3), or else foods in places of like colour, the surest first.
+    """Identify the food that fills a photograph, (H, W, 3), or else those in places of like colour.
 
-    Of the places apart from the first only those are returned where a food surely is.
+    The surest comes first. Of the places apart from the first only those are returned where a food surely is.
     """
     height, width = pixels.shape[:2]
     whole = _identify(regions_of_whole(pixels), identifier)
     if whole.none_probability < NONE_OF_PLATE:
         return [IdentifiedPlace(whole, (0.0, 0.0, float(width), float(height)))]
     regions = ((region_of_box(pixels, box), box) for box in propose_boxes(pixels))
-    seen = [
+    candidates = [
         IdentifiedPlace(_identify([region], identifier), box)
         for region, box in regions
         if region is not None
     ]
     places: list[IdentifiedPlace] = []
-    for place in sorted(seen, key=lambda each: -each.probability):
+    for place in sorted(candidates, key=lambda place: -place.probability):
         is_apart = all(share_of_smaller(place.box, other.box) < MOST_SHARED for other in places)
         if is_apart and (not places or place.probability >= OTHERS_FROM):
             places.append(place)
@@ -177,7 +183,7 @@ def _place_to_json(place: IdentifiedPlace) -> dict[str, Any]:
         ],
         "candidates": candidates_to_json(identification),
         "none_of_these": round(identification.none_probability, 4),
-        "box": [round(each, 1) for each in place.box],
+        "box": [round(side, 1) for side in place.box],
     }
 
 

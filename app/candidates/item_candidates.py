@@ -101,9 +101,8 @@ def candidates_of_records(
 # What is so likely is assigned without asking. A wrong food must not enter sums unnoticed: of those that the index
 # does not know, 3 in 100 reach this.
 SURE_FROM, GROUP_SURE_FROM = 0.85, 0.9
-FEWEST_SPECIMENS = (
-    3  # of a food that is assigned: of dishes known by one or two, a quarter were others
-)
+# of a food that is assigned: of dishes known by two specimens, a quarter of such were others
+FEWEST_SPECIMENS = 3
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 

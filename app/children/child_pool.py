@@ -207,7 +207,7 @@ class ChildPool:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no child works on a request that has a name, as estimates have."""
+        """Return whether no child works on a request that has a name, as estimates have."""
         with self._lock:
             return not self._busy
 

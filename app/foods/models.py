@@ -94,7 +94,7 @@ class Food(Base):
 
     @property
     def is_group(self) -> bool:
-        """Whether it stands for several foods (docs/food-table.md)."""
+        """Return whether it stands for several foods (docs/food-table.md)."""
         return "members" in self.source_ids
 
     __table_args__ = (

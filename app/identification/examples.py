@@ -168,5 +168,12 @@ def _tally_of(index: FoodIndex) -> Vectors:
 
 
 def _digest(example: Example, half: Halves) -> int:
-    told = f"{example.name} {example.food_key} {example.volume_ml} {example.day_minute} {example.eater} "
-    return int.from_bytes(hashlib.blake2b(told.encode() + half.tobytes(), digest_size=8).digest())
+    words = (
+        example.name,
+        example.food_key,
+        example.volume_ml,
+        example.day_minute,
+        example.eater,
+    )
+    content = repr(words).encode() + half.tobytes()
+    return int.from_bytes(hashlib.blake2b(content, digest_size=8).digest())

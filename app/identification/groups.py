@@ -36,7 +36,7 @@ def group_probabilities(
     none = calibration.none_score / temperature + np.log(none_prior)
     top = joint.max()
     weights, of_none = np.exp(joint - top), np.exp(none - top)
-    found = {}
+    shares = {}
     for key, own in groups.items():
         log_group = (
             scores[own].sum() / temperature
@@ -44,5 +44,5 @@ def group_probabilities(
             + np.log1p(-none_prior)
         )
         group = np.exp(log_group - top)
-        found[key] = float(group / (weights.sum() - weights[own].sum() + group + of_none))
-    return found
+        shares[key] = float(group / (weights.sum() - weights[own].sum() + group + of_none))
+    return shares

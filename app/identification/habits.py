@@ -18,9 +18,8 @@ SAME_TIME_SD_MINUTES = 90.0
 ANY_TIME = 0.35  # the weight of a meal at quite another time of day
 STUDY_WEIGHT = 10.0  # the others' shares stand for so many of the participant's items
 EQUAL_WEIGHT = 20.0  # equal shares stand for so many of the study's items
-COMPANY = (
-    3.0  # what an item counts for that was eaten with a food which lies beside it now; a judgement
-)
+# what an item counts for that was eaten with a food which lies beside it now; a judgement
+COMPANY = 3.0
 USUAL = 2.0  # times the equal share, from which on a food is usual
 NEW_FOODS, NEW_OF = (
     6.0,

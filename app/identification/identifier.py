@@ -48,6 +48,11 @@ class Circumstances:
     beside: frozenset[str] = frozenset()
     looks_alone: bool = False
 
+    @property
+    def has_company(self) -> bool:
+        """Return whether anything was eaten with a food that lies beside it now."""
+        return any(not eaten.beside.isdisjoint(self.beside) for eaten in self.own)
+
 
 NO_CIRCUMSTANCES = Circumstances()
 
@@ -72,9 +77,11 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Identification:
-    """candidates: the likeliest foods, best first; none_probability: that it is none of all that the index knows.
+    """What a region may be.
 
+    candidates: the likeliest foods, best first
     groups: of foods, each in place of its members, best first; label and name None
+    none_probability: that it is none of all that the index knows
     """
 
     candidates: tuple[Candidate, ...]
@@ -178,13 +185,13 @@ class Identifier:
         )
 
     def _group_candidates(self, scores: Vectors, log_odds: Vectors) -> tuple[Candidate, ...]:
-        found = group_probabilities(
+        shares = group_probabilities(
             scores, log_odds, self._groups, self._numbered.index.calibration, self._none_prior
         )
         specimens = self._specimens[self._known]
         return tuple(
-            Candidate(None, None, key, found[key], int(specimens[self._groups[key]].sum()))
-            for key in sorted(found, key=lambda key: -found[key])
+            Candidate(None, None, key, shares[key], int(specimens[self._groups[key]].sum()))
+            for key in sorted(shares, key=lambda key: -shares[key])
         )
 
     def _scores(self, view: Vectors) -> Vectors:

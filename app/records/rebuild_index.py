@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +82,8 @@ def rebuild_index(
 
     Raises NotFoundError for no such study, UnavailableError where no child process starts.
     """
-    describer = _Describer(database, blobs, children, settings)
-    return _of_all(database, study_code, describer.describe)
+    describe = partial(_describe, database, blobs, children, settings)
+    return _of_all(database, study_code, describe)
 
 
 class DescribeIdly:
@@ -93,7 +94,7 @@ class DescribeIdly:
     ) -> None:
         self._database = database
         self._children = children
-        self._describer = _Describer(database, blobs, children, settings)
+        self._describe = partial(_describe, database, blobs, children, settings)
         self._after: uuid.UUID | None = None
         self._is_done = False
 
@@ -106,33 +107,30 @@ class DescribeIdly:
                 session, VCM_VERSION, after=self._after, limit=1, study_id=None
             )
         if batch:
-            self._describer.describe(batch[0])
+            self._describe(batch[0])
             self._after = batch[0]
         self._is_done = not batch
 
 
-class _Describer:
-    def __init__(
-        self, database: Database, blobs: BlobStore, children: ChildPool, settings: Settings
-    ) -> None:
-        self._database = database
-        self._blobs = blobs
-        self._children = children
-        self._settings = settings
-
-    def describe(self, meal_id: uuid.UUID) -> Described:
-        """Describe the regions of a meal that have no vector of the current version."""
-        with self._database.read() as session:
-            regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
-            image = vectors.photograph_of(session, meal_id)
-        if not regions or image is None:
-            return Described(gone=len(regions))
-        with tempfile.TemporaryDirectory(prefix="tada-", dir=self._blobs.staging_folder()) as name:
-            path = Path(name) / "photo"
-            if not _fetch(self._blobs, image, path):
-                return Described(unreadable=len(regions))
-            made = _vectors(self._children, self._settings, path, regions)
-        return _write(self._database, meal_id, regions, made)
+def _describe(
+    database: Database,
+    blobs: BlobStore,
+    children: ChildPool,
+    settings: Settings,
+    meal_id: uuid.UUID,
+) -> Described:
+    """Describe the regions of a meal that have no vector of the current version."""
+    with database.read() as session:
+        regions = vectors.regions_to_describe(session, meal_id, VCM_VERSION)
+        image = vectors.photograph_of(session, meal_id)
+    if not regions or image is None:
+        return Described(gone=len(regions))
+    with tempfile.TemporaryDirectory(prefix="tada-", dir=blobs.staging_folder()) as name:
+        path = Path(name) / "photo"
+        if not _fetch(blobs, image, path):
+            return Described(unreadable=len(regions))
+        made = _vectors(children, settings, path, regions)
+    return _write(database, meal_id, regions, made)
 
 
 def _of_all(

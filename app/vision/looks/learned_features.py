@@ -1,4 +1,4 @@
-"""What a network that has seen a million photographs makes of a food region: one block of its vector.
+"""Learned features of a food region, one block of its vector: the activations of a network.
 
 Region -> the mean activations of the last layer of EfficientNet-Lite0 (Tan and Le, "EfficientNet:
 Rethinking model scaling for convolutional neural networks", ICML 2019), which are not negative: as

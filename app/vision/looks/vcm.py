@@ -1,4 +1,4 @@
-"""What a food region looks like, as one vector, versioned: Visual Characterization Metrics (VCM) and learned features.
+"""The vector of a food region, versioned: Visual Characterization Metrics (VCM) and learned features.
 
 The food table is indexed by these (TADA, step 7). Families and measures follow what TADA used: colour moments and
 histograms in CIELAB and HSV, Gabor energies, local features (Zhu et al., "The use of mobile devices in aiding dietary
