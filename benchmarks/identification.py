@@ -40,11 +40,6 @@ sys.path.insert(0, str(ROOT))
 
 from app.candidates.food_groups import groups_of_foods  # noqa: E402
 from app.candidates.identify_photo import UNPOINTED_NONE_PRIOR, identify_unpointed  # noqa: E402
-from app.candidates.item_candidates import (  # noqa: E402
-    FEWEST_SPECIMENS,
-    GROUP_SURE_FROM,
-    SURE_FROM,
-)
 from app.candidates.labelled_folder import labelled_photos  # noqa: E402
 from app.identification.build_index import (  # noqa: E402
     fit_calibration,
@@ -61,6 +56,11 @@ from app.identification.kernel_classifier import (  # noqa: E402  # found from t
     Calibration,
     KernelClassifier,
     posterior,
+)
+from app.meals.stored.run_answer import (  # noqa: E402
+    FEWEST_SPECIMENS,
+    GROUP_SURE_FROM,
+    SURE_FROM,
 )
 from app.vision.looks.vcm import describe  # noqa: E402
 from app.vision.looks.vcm_region import region_of_box  # noqa: E402

@@ -7,9 +7,8 @@ covers them (docs/food-table.md).
 from collections.abc import Mapping
 from functools import cache
 
-from app.candidates.item_candidates import SURE_FROM
 from app.identification.identifier import Candidate, Identification
-from app.meals.stored.run_answer import CandidateAnswer
+from app.meals.stored.run_answer import SURE_FROM, CandidateAnswer
 from app.nutrition.foods import load_starter_table
 
 GROUP_FROM = 0.5  # of a group that is offered

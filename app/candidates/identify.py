@@ -26,7 +26,6 @@ from sqlalchemy.orm import Session
 
 from app.candidates import queries as index_entries
 from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
-from app.candidates.item_candidates import SURE_FROM
 from app.candidates.queries import AnyRow
 from app.candidates.vcm_json import numbers_of
 from app.children.faults import is_passing
@@ -39,7 +38,7 @@ from app.identification.sizes import FoodSize, MeasuredFood, plausible_factor
 from app.meals.stored.item_state import FOOD_IDENTIFIED, SCALE_DOUBTFUL
 from app.meals.stored.meal_time import local_minute
 from app.meals.stored.models import HintDetails, Meal
-from app.meals.stored.run_answer import ItemAnswer, RunAnswer, VcmAnswer
+from app.meals.stored.run_answer import SURE_FROM, ItemAnswer, RunAnswer, VcmAnswer
 from app.people.models import Study
 from app.people.tombstones import public_digest
 from app.vision.looks.vcm import LENGTH, LENGTHS

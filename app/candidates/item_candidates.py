@@ -98,11 +98,6 @@ def candidates_of_records(
     }
 
 
-# What is so likely is assigned without asking. A wrong food must not enter sums unnoticed: of those that the index
-# does not know, 3 in 100 reach this.
-SURE_FROM, GROUP_SURE_FROM = 0.85, 0.9
-# of a food that is assigned: of dishes known by two specimens, a quarter of such were others
-FEWEST_SPECIMENS = 3
 MOST_CANDIDATES = 10
 LEAST_PROBABILITY = 0.001
 
@@ -163,9 +158,7 @@ def _assigned(candidates: Sequence[Named]) -> Food | None:
     if not candidates:
         return None
     food, first = candidates[0]
-    is_likely = first.probability >= (GROUP_SURE_FROM if first.is_group else SURE_FROM)
-    is_known = first.specimens is None or first.specimens >= FEWEST_SPECIMENS
-    return food if is_likely and is_known else None
+    return food if first.is_sure else None
 
 
 def _named_foods(session: Session, seen: Sequence[Seen]) -> Mapping[str, Food]:
