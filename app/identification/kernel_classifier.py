@@ -18,7 +18,6 @@ Both numbers come with the index (build_index.py fits them).
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from app.identification.metric import Vectors, squared_distances
@@ -49,7 +48,7 @@ class KernelClassifier:
         present, labels = np.unique(self.labels[near], return_inverse=True)
         kernel = likeness(self.examples[near], self.examples[near])
         kernel[np.diag_indices_from(kernel)] += RIDGE * _noise(labels)
-        shares = np.bincount(labels, scipy.linalg.solve(kernel, likely[near], assume_a="pos"))
+        shares = np.bincount(labels, np.linalg.solve(kernel, likely[near]))
         scores = np.zeros(self.classes)
         scores[present] = shares * _raised(labels)
         return scores
