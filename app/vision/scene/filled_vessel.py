@@ -67,6 +67,8 @@ OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = (
     6.0,
     0.15,
 )  # what may be measured at the rim's height within it
+# a rim seen so well may be brimful; of what lies within one that is not, the share that a solid's top has
+SURE_COVER, TOP_SHARE = 0.7, 0.5
 OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 BESIDE_MM, BESIDE_LEVEL_MM = (
@@ -193,6 +195,7 @@ def find_vessels(
             or _is_within(rim, rims)
             or _is_surface(rim, circles)
             or _is_print(rim, points_table)
+            or _has_top(rim, points_table)
         ):
             continue
         first_lab, second_lab = (
@@ -402,6 +405,14 @@ def _is_open(rim: Circle, points_table: Float32Array) -> bool:
         len(heights) == 0
         or float(np.mean(np.abs(heights - rim.height_mm) < OPEN_TOP_MM)) < OPEN_TOP_SHARE
     )
+
+
+def _has_top(rim: Circle, points_table: Float32Array) -> bool:
+    """Return whether most of what lies within a doubtful rim is as high: an apple's highlight is a circle, too."""
+    if rim.cover >= SURE_COVER:
+        return False
+    heights = _heights_within(rim, points_table)
+    return len(heights) > 0 and float(np.mean(heights > rim.height_mm - OPEN_TOP_MM)) > TOP_SHARE
 
 
 def _heights_within(rim: Circle, points_table: Float32Array) -> Float32Array:
