@@ -19,6 +19,7 @@ from app.vision.views.placement import (
     Placement,
     views_by_depth,
     views_by_marker,
+    views_by_object,
     views_by_poses,
     views_by_rig,
 )
@@ -103,6 +104,8 @@ def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Plac
     depth = pair.left.depth
     if options.rig is not None:
         return views_by_rig(pair, options.rig, options, trace)
+    if options.known is not None:
+        return views_by_object(pair, options.known, options, trace)
     if options.marker is not None:
         # Poses are better than one photograph by the marker; a depth map with it is better still.
         has_better = options.poses is not None and depth is None

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from app.core.errors import Failure
 from app.vision.intrinsics import Camera
+from app.vision.known_object import KnownObject
 from app.vision.known_poses import KnownPoses
 from app.vision.marker_spec import MarkerSpec
 from app.vision.rig import StereoRig
@@ -126,7 +127,8 @@ class View:
     """One photograph with its camera and pose: x_camera = rotation @ x_table + translation_mm.
 
     rotation: (3, 3); translation_mm: (3,). marker: None for a rig's, whose table is found in the scene. rms_px:
-    reprojection error of the marker's corners, 0 without a marker.
+    reprojection error of the marker's corners, 0 without a marker. known: the thing of known size that lies at the
+    table frame's origin, where it gave the scale.
     """
 
     photo: Photo
@@ -135,6 +137,7 @@ class View:
     rotation: Float64Array
     translation_mm: Float64Array
     rms_px: float
+    known: KnownObject | None = None
 
     @property
     def centre_mm(self) -> Float64Array:
@@ -182,9 +185,10 @@ FormsByLooks = Callable[[Float64Array], Mapping[str, float]]
 class EstimateOptions:
     """What the pipeline is told beside the photographs.
 
-    marker, rig: where the scale comes from; with a rig, no marker is looked for and camera is not used. poses: give it
-    where there is no rig, and no marker or none is seen. camera: for upright pixels; None: from EXIF. is_complete: the
-    hints are all that there is, and no other food is looked for. vessels: the study's library. seed: for its draws.
+    marker, known, rig: where the scale comes from; with a rig, nothing else is looked for and camera is not used.
+    poses: give it where there is no rig, and no marker or none is seen. camera: for upright pixels; None: from EXIF.
+    is_complete: the hints are all that there is, and no other food is looked for. vessels: the study's library. seed:
+    for its draws.
     forms_by_looks: what an index of foods says of a food's form, by its description (d,) of looks/vcm.py: probability
     of each form, for a single view.
     """
@@ -199,6 +203,13 @@ class EstimateOptions:
     rig: StereoRig | None = None
     poses: KnownPoses | None = None
     forms_by_looks: FormsByLooks | None = None
+    known: KnownObject | None = None
+
+    @property
+    def marker_text(self) -> str | None:
+        """What was announced as marker: a board or a known object."""
+        announced = self.marker or self.known
+        return None if announced is None else str(announced)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,9 @@ from app.meals.stored.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
 from app.photos.slots import VIEW_SLOTS
 from app.vision.intrinsics import camera_from_mapping, camera_to_json
+from app.vision.known_object import KnownObject, parse_scale
 from app.vision.known_poses import poses_from_mapping, poses_to_json
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import MarkerSpec
 from app.vision.model import (
     ColourCorrection,
     EstimateOptions,
@@ -47,7 +48,7 @@ class FormedFood(Protocol):
 def options_to_json(options: EstimateOptions) -> dict[str, object]:
     """EstimateOptions as JSON."""
     return {
-        "marker": str(options.marker) if options.marker is not None else None,
+        "marker": options.marker_text,
         "camera": camera_to_json(options.camera) if options.camera is not None else None,
         "rig": rig_to_json(options.rig) if options.rig is not None else None,
         "poses": poses_to_json(options.poses) if options.poses is not None else None,
@@ -69,8 +70,10 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         raise InvalidInputError(
             "Neither a marker nor a rig gives the scale: name one.", code="marker_missing"
         )
+    scale = parse_scale(value["marker"]) if value.get("marker") is not None else None
     return EstimateOptions(
-        marker=parse_marker(value["marker"]) if value.get("marker") is not None else None,
+        marker=scale if isinstance(scale, MarkerSpec) else None,
+        known=scale if isinstance(scale, KnownObject) else None,
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
         rig=rig_from_mapping(value["rig"]) if value.get("rig") is not None else None,
         poses=poses_from_mapping(value["poses"]) if value.get("poses") is not None else None,
@@ -105,7 +108,7 @@ def answer_of(estimate: MealEstimate, options: EstimateOptions) -> RunAnswer:
     return RunAnswer(
         items=[_item(item) for item in estimate.items],
         failure=estimate.failure,
-        marker=str(options.marker) if options.marker is not None else None,
+        marker=options.marker_text,
         camera=camera_to_json(views[0].camera) if views is not None else None,
         camera_right=camera_to_json(views[1].camera)
         if views is not None and views[1] is not None

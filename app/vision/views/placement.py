@@ -4,7 +4,7 @@ Photographs and options -> Placement. There are four sources, each with one func
 the poses of a phone's tracking, and the left photograph's depth map. fallbacks.py chooses between them.
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,9 @@ from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
-from app.vision.intrinsics import adapt_camera
+from app.vision.board.round_object import Ellipse, find_round_objects
+from app.vision.intrinsics import Camera, adapt_camera
+from app.vision.known_object import KnownObject
 from app.vision.known_poses import KnownPoses, rig_of_poses
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import (
@@ -30,6 +32,8 @@ from app.vision.views.depth_parallax import place_by_depth
 from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
+from app.vision.views.object_pair import in_scale, rig_of_object
+from app.vision.views.object_view import object_volume_sd, place_by_object
 from app.vision.views.pose_doubt import volume_doubt
 from app.vision.views.reconstruction import Reconstruction, plane_points
 from app.vision.views.rectification import is_swapped
@@ -49,6 +53,7 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "rig": ("scale_from_rig",),
     "poses": ("scale_from_poses",),
     "depth": ("scale_from_depth",),
+    "object": ("scale_from_object",),
 }
 MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
 
@@ -78,15 +83,25 @@ def doubt_volumes(
         middle_mm = np.nanmedian(plane_points(scene.rectified)[is_food], axis=0)[:2].astype(
             np.float64
         )
+        if placed.scale == "object":
+            return object_volume_sd(placed.views, middle_mm), _flags_of_object(placed.views.first)
         sd = single_volume_sd(placed.views, middle_mm)
         return too_unsure() if sd > MOST_SD else (sd, SCALE_FLAGS[placed.scale])
     doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
     flags = SCALE_FLAGS[placed.scale]
+    if placed.scale == "object":
+        return doubt.sd, _flags_of_object(placed.views.first)
     if doubt.focal_sd > FLAG_SD:
         flags = (*flags, "focal_unknown")
     return doubt.sd, flags
+
+
+def _flags_of_object(view: View) -> tuple[str, ...]:
+    """Return the flags of a scale by an object, which tells nothing of the camera's focal length."""
+    flags = SCALE_FLAGS["object"]
+    return (*flags, "camera_unknown") if view.camera.source == "board" else flags
 
 
 def views_by_marker(
@@ -211,19 +226,80 @@ def views_by_depth(
     """The left photograph's view over the table that its depth map shows; colours stay as with a rig."""
     trace.colours = UNCORRECTED, UNCORRECTED
     with trace.stage("camera"):
-        camera = camera_from_exif(photo)
-        if options.camera is not None:
-            adapted = adapt_camera(
-                options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0]
-            )
-            if isinstance(adapted, Failure):
-                return adapted
-            camera = adapted
+        camera = _camera_of(photo, options)
+        if isinstance(camera, Failure):
+            return camera
         view = place_by_depth(photo, camera, depth, np.random.default_rng(options.seed))
     if isinstance(view, Failure):
         return view
     trace.keep_single(view)
     return Placement(view, "depth")
+
+
+def views_by_object(
+    pair: PhotoPair, known: KnownObject, options: EstimateOptions, trace: ViewsTrace
+) -> Placement | Failure:
+    """Both views by the coin in them and by matches; where these do not allow it, the left one alone by its coin.
+
+    Colours stay as with a rig. Failures: marker_not_found, camera_mismatch.
+    """
+    trace.colours = UNCORRECTED, UNCORRECTED
+    with trace.stage("marker"):
+        left = _find_objects(pair.left, known, options, "left")
+        if isinstance(left, Failure):
+            return left
+    if pair.right is not None:
+        placed = _pair_by_object(pair, known, left, options, trace)
+        if not isinstance(placed, Failure):
+            return placed
+        trace.forget_pair()
+    camera, ellipses = left
+    alone = place_by_object(pair.left, camera, ellipses[0], known)
+    trace.keep_single(alone)
+    return Placement(alone, "object")
+
+
+def _pair_by_object(
+    pair: PhotoPair,
+    known: KnownObject,
+    left: tuple[Camera, Sequence[Ellipse]],
+    options: EstimateOptions,
+    trace: ViewsTrace,
+) -> Placement | Failure:
+    """Return both views by matches, in the coin's scale. left: what _find_objects found in the left photograph."""
+    with trace.stage("marker"):
+        right = _find_objects(pair.both[1], known, options, "right")
+    if isinstance(right, Failure):
+        return right
+    with trace.stage("camera"):
+        found = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
+    if isinstance(found, Failure):
+        return found
+    placed = views_by_rig(pair, found.rig, options, trace)
+    if isinstance(placed, Failure) or trace.refined is None:
+        return placed
+    ellipses = found.ellipses[::-1] if trace.is_swapped else found.ellipses
+    refined = in_scale(trace.refined, ellipses, known)
+    trace.keep_views(refined)
+    return Placement(refined, "object")
+
+
+def _find_objects(
+    photo: Photo, known: KnownObject, options: EstimateOptions, side: str
+) -> tuple[Camera, Sequence[Ellipse]] | Failure:
+    """Return a photograph's camera and what may be the coin in it, the likeliest first."""
+    camera = _camera_of(photo, options)
+    if isinstance(camera, Failure):
+        return camera
+    ellipses = find_round_objects(photo, camera, known, side)
+    return ellipses if isinstance(ellipses, Failure) else (camera, ellipses)
+
+
+def _camera_of(photo: Photo, options: EstimateOptions) -> Camera | Failure:
+    """Return the camera that is given, at the photograph's size, or that of its EXIF."""
+    if options.camera is None:
+        return camera_from_exif(photo)
+    return adapt_camera(options.camera, photo.pixels_bgr.shape[1], photo.pixels_bgr.shape[0])
 
 
 def _find_markers(

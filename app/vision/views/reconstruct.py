@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.model import EstimateOptions, MarkerObservation, MaskArray, Photo, View
+from app.vision.model import EstimateOptions, MaskArray, Photo, View
 from app.vision.stages import Stages
 from app.vision.tuning import TUNING
 from app.vision.views.aligned_depth import depth_in_view
@@ -35,6 +35,7 @@ from app.vision.views.single_view import SingleView
 from app.vision.views.stillness import judge_table
 from app.vision.views.views_trace import ViewsTrace
 
+BESIDE_OBJECT_MM = 2.0  # around a known object: its edge and its shadow
 TABLE_MM = 8.0  # over or under the marker's plane: where a pair's points tell how far the table is
 
 
@@ -130,7 +131,7 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
         else:
             rectified = rectify_alone(views.first)
     with stage("disparity"):
-        sheet = _sheet(rectified, marker)
+        sheet = _sheet(rectified, views.first)
         flags: tuple[str, ...] = ()
         if rectified.second_bgr is None:
             disparity, flags = _parallax_alone(rectified, views.first, sheet)
@@ -150,11 +151,14 @@ def _reconstruct(views: RefinedViews | SingleView, stage: Stages) -> Reconstruct
     )
 
 
-def _sheet(pair: RectifiedPair, marker: MarkerObservation | None) -> MaskArray:
-    """Return the pixels (H, W) that show the marker's sheet; none without a marker."""
-    if marker is None:
-        return np.zeros(pair.shape, np.bool_)
-    return shows_sheet(marker, plane_points(pair), pair.first_centre_mm)
+def _sheet(pair: RectifiedPair, view: View) -> MaskArray:
+    """Return the pixels (H, W) that show the marker's sheet or the known object; none without either."""
+    if view.marker is not None:
+        return shows_sheet(view.marker, plane_points(pair), pair.first_centre_mm)
+    if view.known is not None:
+        apart = np.linalg.norm(plane_points(pair)[..., :2], axis=-1)
+        return np.asarray(apart < view.known.diameter_mm / 2 + BESIDE_OBJECT_MM, np.bool_)
+    return np.zeros(pair.shape, np.bool_)
 
 
 def _parallax_alone(

@@ -52,7 +52,7 @@ def place_alone(
 
 def single_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
-    if view.first.marker is None:
+    if not view.doubts:
         return DEPTH_SCALE_SD
     corners = np.array(
         [[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]

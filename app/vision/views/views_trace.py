@@ -12,7 +12,7 @@ from app.vision.views.reconstruction import Reconstruction
 from app.vision.views.relative_pose import RefinedViews
 from app.vision.views.single_view import SingleView
 
-Scale = Literal["marker", "rig", "poses", "depth"]  # what gives a scene its scale
+Scale = Literal["marker", "rig", "poses", "depth", "object"]  # what gives a scene its scale
 
 
 @dataclass(slots=True)
@@ -72,6 +72,11 @@ class ViewsTrace:
         """Keep the view of one photograph that is measured alone."""
         self.single = view
         self.views = view.first, None
+
+    def forget_pair(self) -> None:
+        """Drop what an attempt with both photographs left, before the left one is measured alone."""
+        self.matches = self.refined = self.epipolar = None
+        self.is_swapped = False
 
     def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:
         """The correction of the first or second view by where they stand. Raises ValueError before."""

@@ -1,0 +1,205 @@
+"""Two photographs with a coin in both: their relative pose by matches, in units that the coin gives.
+
+Photographs, cameras, the coin's ellipses -> StereoRig; and views refined over the table -> the same in
+the coin's scale, with its doubts. A circle says nothing of how a camera is turned about its axis, so
+that the relative pose is that of the essential matrix (Nister, 2004).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
+from app.vision.board.round_object import Ellipse
+from app.vision.geometry.pictures import grey_of
+from app.vision.geometry.projective import homogeneous
+from app.vision.intrinsics import Camera
+from app.vision.known_object import KnownObject
+from app.vision.model import Float64Array, ImageArray, PhotoPair, View
+from app.vision.rig import MAX_BASELINE_MM, MIN_BASELINE_MM, StereoRig
+from app.vision.views.features import too_few_matches, undistort_to_rays
+from app.vision.views.object_view import focal_sd, size_sd, zoomed
+from app.vision.views.relative_pose import RefinedViews
+
+SIDE_PX = 1024  # where features are looked for
+MAX_FEATURES = 2000
+MIN_CONTRAST = 0.01
+MAX_RATIO = 0.8  # see features.py
+ON_LINE_PX = 1.0  # from an epipolar line, at that size
+CONFIDENCE = 0.9999
+MIN_INLIERS = 20
+OFF_SD = 0.1  # of a coin's radius, between where two ellipses put its middle
+SIZE_RATIO_SD = 0.05  # between the distances that they tell
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectRig:
+    """The rig that two photographs make, and the coin's ellipses in them, left and right."""
+
+    rig: StereoRig
+    ellipses: tuple[Ellipse, Ellipse]
+
+
+def rig_of_object(
+    pair: PhotoPair,
+    cameras: tuple[Camera, Camera],
+    candidates: tuple[Sequence[Ellipse], Sequence[Ellipse]],
+    known: KnownObject,
+) -> ObjectRig | Failure:
+    """Return the rig by the likeliest ellipses that are one thing in both photographs.
+
+    candidates: of the coin, in the left and the right photograph. Failure "too_few_matches".
+    """
+    views = [
+        View(photo, camera, None, np.eye(3), np.zeros(3), 0.0)
+        for photo, camera in zip(pair.both, cameras, strict=True)
+    ]
+    left_px, right_px = _matched_px(pair)
+    if len(left_px) < MIN_INLIERS:
+        return too_few_matches(len(left_px))
+    left_rays, right_rays = (
+        undistort_to_rays(view, pixels)
+        for view, pixels in zip(views, (left_px, right_px), strict=True)
+    )
+    px_per_side = max(1.0, max(pair.left.pixels_bgr.shape[:2]) / SIDE_PX)
+    cv2.setRNGSeed(0)
+    essential, _ = cv2.findEssentialMat(
+        left_rays,
+        right_rays,
+        np.eye(3),
+        method=cv2.USAC_MAGSAC,
+        prob=CONFIDENCE,
+        threshold=ON_LINE_PX * px_per_side / cameras[0].fx,
+    )
+    if essential is None or essential.shape != (3, 3):
+        return too_few_matches(0)
+    count, rotation, step, _ = cv2.recoverPose(essential, left_rays, right_rays, np.eye(3))
+    if count < MIN_INLIERS:
+        return too_few_matches(int(count))
+    rotation, step = np.asarray(rotation, np.float64), np.asarray(step, np.float64).ravel()
+    best: tuple[float, float, tuple[Ellipse, Ellipse]] | None = None
+    for ellipses in product(*candidates):
+        judged = _as_one(views, ellipses, rotation, step, known.diameter_mm / 2)
+        if judged is not None and (best is None or judged[0] > best[0]):
+            best = *judged, (ellipses[0], ellipses[1])
+    if best is None or not MIN_BASELINE_MM < best[1] < MAX_BASELINE_MM:
+        return too_few_matches(int(count))
+    x, y, z = (best[1] * step).tolist()
+    first, second, third = ((float(row[0]), float(row[1]), float(row[2])) for row in rotation)
+    rig = StereoRig(cameras[0], cameras[1], (first, second, third), (x, y, z), "poses")
+    return ObjectRig(rig, best[2])
+
+
+def _as_one(
+    views: Sequence[View],
+    ellipses: Sequence[Ellipse],
+    rotation: Float64Array,
+    step: Float64Array,
+    radius_mm: float,
+) -> tuple[float, float] | None:
+    """Return the log odds that two ellipses are the coin, and the baseline, mm, that they give; None if they are apart.
+
+    A circle's larger half-axis tells its distance, whatever its tilt.
+    """
+    rays = [
+        undistort_to_rays(view, ellipse.centre_px[None])
+        for view, ellipse in zip(views, ellipses, strict=True)
+    ]
+    place = cv2.triangulatePoints(
+        np.eye(3, 4), np.column_stack([rotation, step]), rays[0].T, rays[1].T
+    ).ravel()
+    first = place[:3] / place[3]
+    second = rotation @ first + step
+    if not (first[2] > 0 and second[2] > 0):
+        return None
+    log_odds = 0.0
+    log_baselines = []
+    for view, ellipse, ray, point in zip(views, ellipses, rays, (first, second), strict=True):
+        off_px = float(np.linalg.norm(point[:2] / point[2] - ray)) * view.camera.fx
+        log_odds += ellipse.odds - 0.5 * (off_px / ellipse.radius_px / OFF_SD) ** 2
+        distance_mm = view.camera.fx * radius_mm / float(ellipse.half_px.max())
+        log_baselines.append(float(np.log(distance_mm / point[2])))
+    log_odds -= 0.5 * ((log_baselines[0] - log_baselines[1]) / SIZE_RATIO_SD) ** 2
+    return log_odds, float(np.exp(np.mean(log_baselines)))
+
+
+def in_scale(
+    refined: RefinedViews, ellipses: Sequence[Ellipse], known: KnownObject
+) -> RefinedViews:
+    """Return views over the table in the coin's scale, the table frame's origin under its middle.
+
+    ellipses: px of the first and the second view's photographs.
+    """
+    views = refined.first, refined.second
+    circles = [
+        _on_table(view, ellipse, known.thick_mm)
+        for view, ellipse in zip(views, ellipses, strict=True)
+    ]
+    scale = known.diameter_mm / 2 / float(np.sqrt(circles[0][1] * circles[1][1]))
+    middle_mm = scale * (circles[0][0] + circles[1][0]) / 2
+    sd = float(np.linalg.norm([size_sd(ellipse) for ellipse in ellipses])) / 2
+
+    def moved(pair: tuple[View, View], factor: float) -> tuple[View, View]:
+        first, second = (
+            replace(
+                view,
+                translation_mm=factor * view.translation_mm + view.rotation[:, :2] @ middle_mm,
+                known=known,
+            )
+            for view in pair
+        )
+        return first, second
+
+    first, second = moved(views, scale)
+    doubts = [moved(pair, scale) for pair in refined.doubts]
+    doubts.append(moved(views, scale * (1 + sd)))
+    longer = 1 + focal_sd(first.camera)
+    if longer > 1:
+        doubts.append((zoomed(first, longer), zoomed(second, longer)))
+    return replace(refined, first=first, second=second, doubts=tuple(doubts))
+
+
+def _on_table(view: View, ellipse: Ellipse, thick_mm: float) -> tuple[Float64Array, float]:
+    """Return middle (2,) and radius, mm, of an ellipse cast onto the level of the coin's face."""
+    rays = homogeneous(undistort_to_rays(view, ellipse.points())) @ view.rotation
+    centre = view.centre_mm
+    cast = centre + rays * ((thick_mm - centre[2]) / rays[:, 2])[:, None]
+    middle = np.asarray(cast[:, :2].mean(axis=0), np.float64)
+    return middle, float(np.linalg.norm(cast[:, :2] - middle, axis=1).mean())
+
+
+def _matched_px(pair: PhotoPair) -> tuple[Float64Array, Float64Array]:
+    """Return mutual SIFT matches (n, 2), (n, 2), px of the photographs, that pass the ratio test."""
+    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=MIN_CONTRAST)
+    places, descriptors = [], []
+    for photo in pair.both:
+        small, factor = _reduced(grey_of(photo.pixels_bgr))
+        keys, described = sift.detectAndCompute(small, None)
+        points = np.array([key.pt for key in keys], np.float64).reshape(-1, 2)
+        places.append((points + 0.5) / factor - 0.5)
+        descriptors.append(described)
+    if any(described is None or len(described) < 2 for described in descriptors):
+        return np.empty((0, 2)), np.empty((0, 2))
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    forth, back = (
+        {
+            best.queryIdx: best.trainIdx
+            for best, second in matcher.knnMatch(descriptors[first], descriptors[1 - first], k=2)
+            if best.distance < MAX_RATIO * second.distance
+        }
+        for first in (0, 1)
+    )
+    mutual = np.array([(a, b) for a, b in forth.items() if back.get(b) == a], np.int64)
+    mutual = mutual.reshape(-1, 2)
+    return places[0][mutual[:, 0]], places[1][mutual[:, 1]]
+
+
+def _reduced(grey: ImageArray) -> tuple[ImageArray, float]:
+    factor = min(1.0, SIDE_PX / max(grey.shape))
+    if factor == 1.0:
+        return grey, factor
+    small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    return np.asarray(small, np.uint8), factor
