@@ -5,7 +5,7 @@ that saving the answer is reproducible. A failure never fails the meal: the item
 candidates. If the database is unavailable, the job is retried.
 
 The index is extended by each study's confirmed items, which are read once and then as they change.
-Whatever is confirmed, undone, rejected or erased counts from the next meal on. A run whose marker
+Whatever is confirmed, undone, rejected, erased or taught counts from the next meal on. A run whose marker
 was probably declared at a wrong size, judged by what stands around it, is flagged.
 """
 
@@ -19,7 +19,6 @@ from datetime import datetime
 from functools import cached_property
 from typing import cast
 
-import numpy as np
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
@@ -27,7 +26,7 @@ from sqlalchemy.orm import Session
 from app.candidates import queries as index_entries
 from app.candidates.food_groups import DECIMALS, candidate_answers, groups_of_foods
 from app.candidates.queries import AnyRow
-from app.candidates.vcm_json import numbers_of
+from app.candidates.vcm_json import StoredPiece, numbers_of
 from app.children.faults import is_passing
 from app.db.session import Database
 from app.identification.examples import Example, Examples, NumberedIndex
@@ -41,7 +40,7 @@ from app.meals.stored.models import HintDetails, Meal
 from app.meals.stored.run_answer import SURE_FROM, ItemAnswer, RunAnswer, VcmAnswer
 from app.people.models import Study
 from app.people.tombstones import public_digest
-from app.vision.looks.vcm import LENGTH, LENGTHS
+from app.vision.looks.vcm import LENGTHS
 
 log = structlog.get_logger()
 
@@ -194,12 +193,16 @@ class LearnedIndex:
 
     Each study's are read once, then those that have changed: each change of an entry gives its
     item's record the study's next change number, each erasure leaves a tombstone with one.
+    Photographs that teach a study are few: they are read again whenever there are others. They are
+    no evidence of what is eaten, so they stand apart from the study's confirmed items.
     """
 
     def __init__(self, database: Database, index: Callable[[], FoodIndex]) -> None:
         self._database, self._index = database, index
         # study -> its examples, as they were after its change of a number; the last used at the end
         self._learned: dict[uuid.UUID, tuple[Examples, int]] = {}
+        # study -> the photographs that teach it, and their ids
+        self._taught: dict[uuid.UUID, tuple[Examples, frozenset[uuid.UUID]]] = {}
         self._lock = threading.Lock()
 
     @cached_property
@@ -215,6 +218,7 @@ class LearnedIndex:
                     study_id: self._brought_up(session, study_id, change_seq)
                     for study_id, change_seq in index_entries.studies_for(session, meal.study_id)
                 }
+                taught = self._taught_to(session, meal.study_id)
                 of_meal = index_entries.entries_of_meal(session, meal.id)
             held = self._learned
             while len(held) > len(used) and sum(len(each) for each, _ in held.values()) > MOST_HELD:
@@ -222,7 +226,8 @@ class LearnedIndex:
             own = used.pop(meal.study_id)
             left_out = own.take(map(str, of_meal))
             try:
-                yield Identifier(self._numbered, own, [*used.values()], groups=groups_of_foods())
+                others = [*used.values(), taught]
+                yield Identifier(self._numbered, own, others, groups=groups_of_foods())
             finally:
                 own.append(*left_out)
 
@@ -239,32 +244,36 @@ class LearnedIndex:
         self._learned[study_id] = examples, change_seq
         return examples
 
+    def _taught_to(self, session: Session, study_id: uuid.UUID) -> Examples:
+        """The photographs that teach a study now."""
+        ids = index_entries.taught_ids(session, study_id)
+        examples, ids_before = self._taught.get(study_id, (Examples(self._numbered), frozenset()))
+        if ids != ids_before:
+            examples = Examples(self._numbered)
+            for row in index_entries.taught_photographs(session, study_id):
+                if row.id in ids:
+                    piece = StoredPiece(str(row.id), row.food_key, row.vcm_version, row.vector)
+                    examples.put(piece.examples())
+            self._taught[study_id] = examples, ids
+        return examples
+
 
 def _examples(study_id: uuid.UUID, entries: Sequence[AnyRow]) -> list[Example]:
-    """Return the entries whose vectors can be compared: a damaged one would spoil all answers.
-
-    A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed). One of an
-    unknown version cannot be compared.
-    """
+    """Return the entries whose vectors can be compared."""
     examples, damaged = [], 0
     for entry in entries:
-        length = LENGTHS.get(entry.vcm_version)
-        if length is None:
-            continue
-        vector = numbers_of(entry.vector)
-        if len(vector) != length or not np.isfinite(vector).all():
-            damaged += 1
-            continue
-        examples.append(
-            Example(
-                name=str(entry.item_id),
-                food_key=entry.food_key,
-                vector=np.pad(vector, (0, LENGTH - length), constant_values=np.nan),
-                volume_ml=entry.volume_ml,
-                day_minute=entry.day_minute,
-                eater=str(entry.participant_id),
-            )
+        piece = StoredPiece(
+            str(entry.item_id),
+            entry.food_key,
+            entry.vcm_version,
+            entry.vector,
+            entry.volume_ml,
+            entry.day_minute,
+            str(entry.participant_id),
         )
+        views = piece.examples()
+        damaged += not views and entry.vcm_version in LENGTHS
+        examples += views
     if damaged:
         log.error("vectors_unusable", study_id=str(study_id), count=damaged)
     return examples

@@ -10,7 +10,11 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.foods.models import Food
-from app.meals.stored.identification_models import IndexEntry, ItemIdentification
+from app.meals.stored.identification_models import (
+    IndexEntry,
+    ItemIdentification,
+    TaughtPhotograph,
+)
 from app.meals.stored.models import Meal, MealImage
 from app.meals.stored.outline_json import Ring
 from app.meals.stored.record_models import ColourDetails, EffectiveRecord, Item, ItemMeasure, Run
@@ -75,6 +79,24 @@ def erased_digests(session: Session, study_id: uuid.UUID, after: int) -> set[str
     """Return the public digests of what was erased after this change of the study."""
     is_later = Tombstone.study_id == study_id, Tombstone.change_seq > after
     return set(session.scalars(sa.select(Tombstone.digest).where(*is_later)))
+
+
+def taught_ids(session: Session, study_id: uuid.UUID) -> frozenset[uuid.UUID]:
+    """Return the ids of the photographs in force that teach a study."""
+    taught = TaughtPhotograph
+    query = sa.select(taught.id).where(taught.study_id == study_id)
+    return frozenset(session.scalars(query.where(taught.in_force_at.is_not(None))))
+
+
+def taught_photographs(
+    session: Session, study_id: uuid.UUID, food_key: str | None = None
+) -> Sequence[TaughtPhotograph]:
+    """Return the photographs that teach a study a food, or all, oldest first; drafts, too."""
+    taught = TaughtPhotograph
+    query = sa.select(taught).where(taught.study_id == study_id)
+    if food_key is not None:
+        query = query.where(taught.food_key == food_key)
+    return session.scalars(query.order_by(taught.created_at)).all()
 
 
 def eaten_before(

@@ -63,7 +63,7 @@ _LIMITS: Final[Mapping[str, str]] = {
 _LIMIT_NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 _CHOICE = re.compile(r"'([^']*)'")
 _PLACES = frozenset({"query", "path", "body", "header"})
-FORM = "application/x-www-form-urlencoded"  # no page of ours sends files
+FORM = "application/x-www-form-urlencoded"  # files are received by http/upload.py
 MOST_FIELDS = 1000
 
 Model = TypeVar("Model", bound=BaseModel)

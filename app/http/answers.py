@@ -36,7 +36,10 @@ from app.http.state import ApiState
 
 PREFIX = "/v1/"
 NOT_KEPT = "private, no-store"
-UPLOADS = re.compile(r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$")
+UPLOADS = re.compile(
+    r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?)?)?|checks|calibrations)$"
+    r"|^/dashboard/studies/[^/]+/taught-foods/[^/]+/photographs$"
+)
 LIMIT_BYTES = 256 * 1024
 # in others these headers describe nothing (RFC 9110, section 9.3)
 WITH_BODY = frozenset({"POST", "PUT", "PATCH"})

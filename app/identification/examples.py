@@ -22,7 +22,14 @@ PRESELECTED = 1024  # by the leading axes, of which 256 decide; some hundred mor
 SAMPLED = 20_000  # since how far they reach is estimated from so many, at even steps
 ROOM = 1024  # rows, or an eighth of all, by which arrays grow
 FACTS = np.dtype(
-    [("food", "i4"), ("eater", "i8"), ("minute", "i2"), ("log_ml", "f8"), ("digest", "u8")]
+    [
+        ("food", "i4"),
+        ("eater", "i8"),
+        ("minute", "i2"),
+        ("log_ml", "f8"),
+        ("share", "f4"),
+        ("digest", "u8"),
+    ]
 )
 
 Facts = NDArray[np.void]
@@ -36,6 +43,7 @@ class Example:
     name: unique
     day_minute: after local midnight
     eater: any name of the person
+    share: of a piece, which n views show: 1 / n
     """
 
     name: str
@@ -44,6 +52,7 @@ class Example:
     volume_ml: float | None = None
     day_minute: int = 720
     eater: str | None = None
+    share: float = 1.0
 
 
 class NumberedIndex:
@@ -100,6 +109,7 @@ class Examples:
                 hash(each.eater),
                 each.day_minute,
                 log_volume(each.volume_ml),
+                each.share,
                 _digest(each, half),
             )
             for each, half in zip(examples, halves, strict=True)
@@ -145,13 +155,13 @@ class Examples:
         return self._vectors[rows], self._facts["food"][rows]
 
     def tally(self) -> Vectors:
-        """(4, foods): examples of each food, those with a volume, and the sums of log volumes and of their squares."""
+        """(4, foods): pieces of each food, those with a volume, and the sums of log volumes and of their squares."""
         count = len(self._numbered.foods)
         if self._tally is None or self._tally.shape[1] < count:
             foods, logs = self.facts["food"], self.facts["log_ml"]
             has_volume = np.isfinite(logs)
             logs = np.where(has_volume, logs, 0.0)
-            weights = (np.ones(len(self)), has_volume, logs, logs**2)
+            weights = (self.facts["share"], has_volume, logs, logs**2)
             self._tally = np.stack([np.bincount(foods, each, count) for each in weights])
         return self._tally
 

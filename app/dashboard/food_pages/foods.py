@@ -26,6 +26,7 @@ from app.nutrition.components import (
     by_component_group,
 )
 from app.people.access.page_rules import PREFIX
+from app.people.studies import list_studies
 from app.records.food_uses import COUNTED, read_uses
 
 NOT_KNOWN = "not known"
@@ -34,6 +35,7 @@ router = APIRouter(include_in_schema=False)
 
 FOODS = f"{PREFIX}/foods"
 LENGTHS = (50, 200, 1000)  # of the list; the last is the search's limit
+MOST_STUDIES = 100  # that a food's page leads to
 
 Output = Annotated[str, Query(alias="format", max_length=8)]
 
@@ -204,6 +206,7 @@ def food_page(
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
+        studies=list_studies(database, page.caller, cursor=None, limit=MOST_STUDIES).rows,
         restorable=_restorable(view, changes),
         refused=refused,
         reason=reason,

@@ -5,6 +5,7 @@ JSON in, JSON out, files by path.
 
 from collections.abc import Mapping
 
+from app.candidates.confusions import rank_task
 from app.children.child import Task
 from app.meals.estimate.calibrate import calibrate_task
 from app.meals.estimate.photo_tasks import check_task, classify_task, describe_task, picture_task
@@ -20,4 +21,5 @@ TASKS: Mapping[str, Task] = {
     "picture": picture_task,
     "describe": describe_task,
     "classify": classify_task,
+    "rank": rank_task,
 }

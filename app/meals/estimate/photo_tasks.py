@@ -21,7 +21,8 @@ from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.intrinsics import camera_from_mapping
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
-from app.vision.looks.vcm import describe_rings
+from app.vision.looks.vcm import describe, describe_rings
+from app.vision.looks.vcm_region import SIDE_PX, regions_of_whole
 from app.vision.marker_spec import parse_marker
 from app.vision.model import ColourCorrection, ImageArray, Photo
 from app.vision.photograph.photo import ReducedPhoto, read_photo, read_reduced_photo
@@ -125,9 +126,11 @@ class _RegionRequest(BaseModel):
 
 
 class _DescribeRequest(BaseModel):
+    """regions: None: the food fills the photograph, of which there are several views."""
+
     photo: Path
     max_pixels: int
-    regions: list[_RegionRequest]
+    regions: list[_RegionRequest] | None
 
 
 class _ClassifyRequest(BaseModel):
@@ -148,9 +151,14 @@ def describe_task(arguments: Arguments, _: StageListener) -> Json:
     vcms: one of each region; None where nothing of it is in view.
     """
     request = _DescribeRequest.model_validate(arguments)
-    photo = read_photo(request.photo.read_bytes(), max_pixels=request.max_pixels)
+    photo = read_photo(
+        request.photo.read_bytes(), max_pixels=request.max_pixels, least_short_side_px=SIDE_PX
+    )
     if isinstance(photo, Failure):
         return {"failure": failure_to_json(photo), "vcms": []}
+    if request.regions is None:
+        views = regions_of_whole(photo.pixels_bgr)
+        return {"failure": None, "vcms": [vcm_answer(describe(view)).as_json() for view in views]}
     measured: dict[str | None, ColourCorrection | None] = {}
     vcms: list[JsonValue] = []
     for region in request.regions:

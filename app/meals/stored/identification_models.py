@@ -1,4 +1,7 @@
-"""Identification of items: feature vectors, the index's results, and the confirmed items that the index learns."""
+"""Identification of items: feature vectors, the index's results, and what a study's index learns.
+
+It learns confirmed items, and photographs that an owner of the study added.
+"""
 
 import uuid
 from datetime import datetime
@@ -67,3 +70,25 @@ class IndexEntry(Base):
         sa.Index(None, "study_id", "food_key", "captured_at"),
         sa.CheckConstraint("day_minute >= 0 AND day_minute < 1440", name="day_minute"),
     )
+
+
+class TaughtPhotograph(Base):
+    """A photograph that a food fills, by which an owner taught the food; the picture is not kept.
+
+    vector: of its views, one after the other, each as in item_identification
+    sha256: of the file, which teaches a food once
+    in_force_at: NULL: a draft, by which nothing is identified yet
+    """
+
+    __tablename__ = "taught_photograph"
+
+    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    food_key: Mapped[str] = mapped_column(sa.String(100))
+    sha256: Mapped[str] = mapped_column(sa.String(64))
+    vcm_version: Mapped[str] = mapped_column(sa.String(16))
+    vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
+    created_at: Mapped[datetime]
+    in_force_at: Mapped[datetime | None]
+
+    __table_args__ = (sa.Index(None, "study_id", "food_key", "sha256", unique=True),)

@@ -120,6 +120,11 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET ~/densities": "GET ~/densities",
         "POST ~/densities": "POST ~/densities",
         "POST ~/densities/{density}/withdrawal": "POST ~/densities/{density}/withdrawal",
+        # what a study is taught counts in it alone, as its densities do
+        "GET ~/taught-foods/{key}": "POST ~/densities",
+        "POST ~/taught-foods/{key}": "POST ~/densities",
+        "POST ~/taught-foods/{key}/photographs": "POST ~/densities",
+        "POST ~/taught-foods/{key}/photographs/{photograph}/removal": "POST ~/densities",
         "GET ~/vessels": "GET ~/vessels",
         "POST ~/vessels": "POST ~/vessels",
         "GET ~/vessels/{vessel}": "GET ~/vessels/{vessel}",
