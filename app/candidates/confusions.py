@@ -43,10 +43,10 @@ def rank_task(arguments: Arguments, _: StageListener) -> Json:
             continue
         left_out = others.take([view.name for view in views])
         vectors = np.stack([view.vector for view in views])
-        candidates = Identifier(numbered, others).identify(vectors, BY_LOOKS).candidates
+        identified = Identifier(numbered, others).identify(vectors, BY_LOOKS)
         others.append(*left_out)
         ranked[piece.name] = [
             [candidate.food_key, candidate.name or candidate.food_key, candidate.probability]
-            for candidate in candidates
+            for candidate in identified.candidates
         ]
     return ranked

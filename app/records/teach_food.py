@@ -51,14 +51,10 @@ class FoodTeaching:
             return self._photographs(session)
 
     def unnamed_items(self) -> list[ReviewItem]:
-        """Return items of the review queue that have no food, and are described."""
+        """Return items of the review queue that have no food."""
         queue = QueueFilter(self.study.id, status="needs_review")
         page = read_review_page(self.state.database, queue, cursor=None, limit=MOST_ITEMS)
-        return [
-            item
-            for item in page.rows
-            if item.row.food is None and item.candidates.identified is not None
-        ]
+        return [item for item in page.rows if item.row.food is None]
 
     def add_photographs(self, files: Iterable[ReceivedFile]) -> int:
         """Keep the vectors of photographs as drafts; return how many are new.

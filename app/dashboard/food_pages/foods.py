@@ -35,7 +35,6 @@ router = APIRouter(include_in_schema=False)
 
 FOODS = f"{PREFIX}/foods"
 LENGTHS = (50, 200, 1000)  # of the list; the last is the search's limit
-MOST_STUDIES = 100  # that a food's page leads to
 
 Output = Annotated[str, Query(alias="format", max_length=8)]
 
@@ -206,7 +205,7 @@ def food_page(
         uses=read_uses(database, page.caller, view.value.key),
         counted=COUNTED,
         food_url=food_address,
-        studies=list_studies(database, page.caller, cursor=None, limit=MOST_STUDIES).rows,
+        studies=list_studies(database, page.caller, cursor=None, limit=100).rows,
         restorable=_restorable(view, changes),
         refused=refused,
         reason=reason,

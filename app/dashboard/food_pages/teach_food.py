@@ -47,8 +47,8 @@ def get_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn = []) -> 
 def post_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn = []) -> Response:  # noqa: B006
     """Put the drafts and the chosen items in force."""
     chosen = [item for item in teaching.unnamed_items() if item.row.record.item_id in items]
-    count = teaching.put_in_force(chosen)
-    return _redirect(page, teaching, f"{count} more examples count from the next meal on.")
+    notice = f"{teaching.put_in_force(chosen)} more examples count from the next meal on."
+    return _redirect(page, teaching, notice)
 
 
 @router.post(f"{PATH}/photographs")
