@@ -88,6 +88,7 @@ def verdicts(page):
     return [(name, verdict == "comes first") for name, verdict in found]
 
 
+@pytest.mark.both_stores
 def test_three_photographs_name_a_new_food_once_in_force_and_no_more_when_taken_back(
     owner, path, food_key, meal_of, named_by, rows
 ):
