@@ -1,4 +1,4 @@
-"""What a food that is to be taught would be confused with: each of its examples, named by all others.
+"""What a food that is taught would be confused with: each of its examples, named by all others.
 
 A task of the limited child: stored vectors in -> ranked foods out.
 """
@@ -19,7 +19,12 @@ BY_LOOKS = Circumstances(looks_alone=True)
 
 
 class _RankRequest(BaseModel):
-    """index: its file; None: the shipped one. pieces: to rank; learned: by what the study has named."""
+    """What to rank by what.
+
+    index: its file; None: the shipped one
+    pieces: to rank
+    learned: what the study has named
+    """
 
     index: Path | None
     pieces: list[StoredPiece]

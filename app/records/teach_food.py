@@ -89,22 +89,25 @@ class FoodTeaching:
         return len(new)
 
     def rank_examples(self, items: Iterable[ReviewItem]) -> Mapping[str, object]:
-        """Name the food's photographs and these unnamed items by all others, the index and the study's entries.
+        """Name the food's photographs and these items by all others, the index and the study.
 
-        Of a study with many entries the first two thousand count. Returns what rank_task does.
+        Of the study's entries the first two thousand count. Returns what rank_task does.
         Raises as ApiChildren.run.
         """
-        key, study_id = self.food.key, self.study.id
+        key = self.food.key
         with self.state.database.read() as session:
-            entries = index_entries.changed_entries(session, study_id, index_entries.BEFORE_ALL)
+            entries = index_entries.changed_entries(
+                session, self.study.id, index_entries.BEFORE_ALL
+            )
             learned = [_piece(row.item_id, row.food_key, row) for row in next(entries, ())]
             pieces = [_piece(row.id, key, row) for row in self._photographs(session)]
             for item in items:
                 item_id, identified = item.row.record.item_id, item.candidates.identified
                 if identified is not None:
-                    seen = (item_id, identified.run_id, identified.vcm_version)
-                    row = session.get_one(ItemIdentification, seen)
-                    pieces.append(_piece(item_id, key, row))
+                    primary_key = (item_id, identified.run_id, identified.vcm_version)
+                    row = session.get(ItemIdentification, primary_key)
+                    if row is not None:  # not erased meanwhile
+                        pieces.append(_piece(item_id, key, row))
         if not pieces:
             return {}
         index = self.state.settings.food_index

@@ -1,4 +1,4 @@
-"""Teach a study a food: choose items or add photographs, see what they are confused with, put them in force."""
+"""Teach a study a food: choose items, add photographs, see their confusions, put them in force."""
 
 import uuid
 from typing import Annotated
@@ -20,7 +20,7 @@ from app.records.teach_food import MOST_AT_ONCE, FoodTeaching
 router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/taught-foods/{{key}}"
-ItemsIn = Annotated[list[uuid.UUID], Query(alias="item")]
+ItemsIn = Annotated[list[uuid.UUID], Query(alias="item", default_factory=list)]
 
 
 def food_teaching(page: CurrentPage, key: FoodKey) -> FoodTeaching:
@@ -38,13 +38,13 @@ Teaching = Annotated[FoodTeaching, Depends(food_teaching)]
 
 
 @router.get(PATH)
-def get_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn = []) -> Response:  # noqa: B006
+def get_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn) -> Response:
     """What teaches the food. items: chosen to teach it, too."""
     return _render(page, teaching, items)
 
 
 @router.post(PATH)
-def post_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn = []) -> Response:  # noqa: B006
+def post_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn) -> Response:
     """Put the drafts and the chosen items in force."""
     chosen = [item for item in teaching.unnamed_items() if item.row.record.item_id in items]
     notice = f"{teaching.put_in_force(chosen)} more examples count from the next meal on."

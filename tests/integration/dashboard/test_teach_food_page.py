@@ -41,9 +41,9 @@ def png_of(seed):
 @pytest.fixture
 def food_key(client, admin):
     """A food of the table in force that the index does not know."""
-    known = {food.food_key for food in shipped_index().foods}
+    indexed = {food.food_key for food in shipped_index().foods}
     foods = client.get("/v1/foods", params={"q": "soup"}, headers=admin).json()["items"]
-    return next(food["key"] for food in foods if food["key"] not in known)
+    return next(food["key"] for food in foods if food["key"] not in indexed)
 
 
 @pytest.fixture
@@ -84,8 +84,8 @@ def upload(browser, path, *contents, site="same-origin"):
 
 def verdicts(page):
     """(example, whether it comes first) of the page's table."""
-    found = re.findall(r'<th scope="row">((?:Photograph|Item) \d+)</th>.*?(comes first|confused)', page, re.DOTALL)
-    return [(name, verdict == "comes first") for name, verdict in found]
+    rows = re.findall(r'<th scope="row">((?:Photograph|Item) \d+)</th>.*?(comes first|confused)', page, re.DOTALL)
+    return [(name, verdict == "comes first") for name, verdict in rows]
 
 
 @pytest.mark.both_stores
@@ -93,11 +93,11 @@ def test_three_photographs_name_a_new_food_once_in_force_and_no_more_when_taken_
     owner, path, food_key, meal_of, named_by, rows
 ):
     meal_id, vector = meal_of(found_item(hint=None)), describe(regions_of_whole(pixels_of(9))[1])
-    assert food_key not in [each.food for each in named_by(meal_id, vector)]
+    assert food_key not in [candidate.food for candidate in named_by(meal_id, vector)]
     assert upload(owner, path, *map(png_of, range(3)), png_of(0)).status_code == 303
     page = owner.page(path)
     assert verdicts(page) == [(f"Photograph {number}", True) for number in (1, 2, 3)]
-    assert food_key not in [each.food for each in named_by(meal_id, vector)]  # a draft names nothing
+    assert food_key not in [candidate.food for candidate in named_by(meal_id, vector)]  # a draft names nothing
     assert owner.post(path).status_code == 303
     best = named_by(meal_id, vector)[0]
     assert (best.food, best.specimens, best.is_sure) == (food_key, 3, True)
@@ -133,10 +133,10 @@ def test_chosen_item_is_named_and_an_erased_one_teaches_no_more(
     (entry,) = rows(IndexEntry)
     assert (str(entry.item_id), entry.food_key) == (item, food_key)
     assert 'name="item"' not in owner.page(path)
-    assert food_key in [each.food for each in named_by(looking, banana)]
+    assert food_key in [candidate.food for candidate in named_by(looking, banana)]
     assert client.delete(f"/v1/meals/{meal_id}", headers=admin).status_code == 200
     assert rows(IndexEntry) == []
-    assert food_key not in [each.food for each in named_by(looking, banana)]
+    assert food_key not in [candidate.food for candidate in named_by(looking, banana)]
 
 
 @pytest.mark.parametrize(
