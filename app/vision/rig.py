@@ -33,7 +33,8 @@ Row = tuple[float, float, float]
 class StereoRig:
     """Two cameras and the pose of the right one: x_right = rotation @ x_left + translation_mm.
 
-    source: "rig", calibrated; "poses", of one phone's tracking, which is less exact. up: unit vector against gravity
+    source: "rig", calibrated; "poses", of one phone's tracking, which is less exact; "object", of matches, in the scale
+    of a known object. up: unit vector against gravity
     in the left camera's frame; None: not known.
     """
 
@@ -41,7 +42,7 @@ class StereoRig:
     right: Camera
     rotation: tuple[Row, Row, Row]
     translation_mm: Row
-    source: Literal["rig", "poses"] = "rig"
+    source: Literal["rig", "poses", "object"] = "rig"
     up: Row | None = None
 
     @property

@@ -20,8 +20,8 @@ from app.vision.intrinsics import Camera
 from app.vision.known_object import KnownObject
 from app.vision.model import Float64Array, ImageArray, PhotoPair, View
 from app.vision.rig import MAX_BASELINE_MM, MIN_BASELINE_MM, StereoRig
-from app.vision.views.features import too_few_matches, undistort_to_rays
-from app.vision.views.object_view import focal_sd, size_sd, zoomed
+from app.vision.views.features import too_few_matches, triangulate, undistort_to_rays
+from app.vision.views.object_view import focal_sd, normal_of, size_sd, zoomed
 from app.vision.views.relative_pose import RefinedViews
 
 SIDE_PX = 1024  # where features are looked for
@@ -31,16 +31,21 @@ MAX_RATIO = 0.8  # see features.py
 ON_LINE_PX = 1.0  # from an epipolar line, at that size
 CONFIDENCE = 0.9999
 MIN_INLIERS = 20
-OFF_SD = 0.1  # of a coin's radius, between where two ellipses put its middle
-SIZE_RATIO_SD = 0.05  # between the distances that they tell
+MOST_COINS = 8  # in both photographs that may be it
+FLATTENED_SD = (
+    0.06  # log of the half-axes' ratio of a coin on a table that is tilted by some degrees
+)
+LEAST_ODDS = -4.0
+OFF_SD = 0.2  # of a coin's radius, between where two ellipses put its middle
+SIZE_RATIO_SD = 0.08  # between the distances that they tell
 
 
 @dataclass(frozen=True, slots=True)
 class ObjectRig:
-    """The rig that two photographs make, and the coin's ellipses in them, left and right."""
+    """The rig that two photographs make. coins: what may be the coin, left and right, with its log odds, best first."""
 
     rig: StereoRig
-    ellipses: tuple[Ellipse, Ellipse]
+    coins: tuple[tuple[float, Ellipse, Ellipse], ...]
 
 
 def rig_of_object(
@@ -76,21 +81,26 @@ def rig_of_object(
     )
     if essential is None or essential.shape != (3, 3):
         return too_few_matches(0)
-    count, rotation, step, _ = cv2.recoverPose(essential, left_rays, right_rays, np.eye(3))
+    count, rotation, shift, _ = cv2.recoverPose(essential, left_rays, right_rays, np.eye(3))
     if count < MIN_INLIERS:
         return too_few_matches(int(count))
-    rotation, step = np.asarray(rotation, np.float64), np.asarray(step, np.float64).ravel()
-    best: tuple[float, float, tuple[Ellipse, Ellipse]] | None = None
-    for ellipses in product(*candidates):
-        judged = _as_one(views, ellipses, rotation, step, known.diameter_mm / 2)
-        if judged is not None and (best is None or judged[0] > best[0]):
-            best = *judged, (ellipses[0], ellipses[1])
-    if best is None or not MIN_BASELINE_MM < best[1] < MAX_BASELINE_MM:
+    turn, step = np.asarray(rotation, np.float64), np.asarray(shift, np.float64).ravel()
+    coins: list[tuple[float, Ellipse, Ellipse]] = []
+    baselines: list[float] = []
+    for left, right in product(*candidates):
+        judged = _as_one(views, (left, right), turn, step, known.diameter_mm / 2)
+        if judged is not None and MIN_BASELINE_MM < judged[1] < MAX_BASELINE_MM:
+            coins.append((judged[0], left, right))
+            baselines.append(judged[1])
+    if not coins:
         return too_few_matches(int(count))
-    x, y, z = (best[1] * step).tolist()
-    first, second, third = ((float(row[0]), float(row[1]), float(row[2])) for row in rotation)
-    rig = StereoRig(cameras[0], cameras[1], (first, second, third), (x, y, z), "poses")
-    return ObjectRig(rig, best[2])
+    order = np.argsort([-coin[0] for coin in coins])
+    x, y, z = (baselines[int(order[0])] * step).tolist()
+    first, second, third = ((float(row[0]), float(row[1]), float(row[2])) for row in turn)
+    best = coins[int(order[0])]
+    up_x, up_y, up_z = normal_of(pair.left, cameras[0], best[1], known).tolist()
+    rig = StereoRig(*cameras, (first, second, third), (x, y, z), "object", (up_x, up_y, up_z))
+    return ObjectRig(rig, tuple(coins[number] for number in order[:MOST_COINS]))
 
 
 def _as_one(
@@ -127,26 +137,44 @@ def _as_one(
 
 
 def in_scale(
-    refined: RefinedViews, ellipses: Sequence[Ellipse], known: KnownObject
-) -> RefinedViews:
+    refined: RefinedViews,
+    coins: Sequence[tuple[float, Ellipse, Ellipse]],
+    known: KnownObject,
+) -> RefinedViews | Failure:
     """Return views over the table in the coin's scale, the table frame's origin under its middle.
 
-    ellipses: px of the first and the second view's photographs.
+    coins: log odds and ellipses, px of the first and the second view's photographs. What lies flat on the table is a
+    circle there, in both views of the same size. Failure "marker_not_found".
     """
     views = refined.first, refined.second
-    circles = [
-        _on_table(view, ellipse, known.thick_mm)
-        for view, ellipse in zip(views, ellipses, strict=True)
-    ]
-    scale = known.diameter_mm / 2 / float(np.sqrt(circles[0][1] * circles[1][1]))
-    middle_mm = scale * (circles[0][0] + circles[1][0]) / 2
+    cast = []
+    for log_odds, *ellipses in coins:
+        places = [ellipse.centre_px[None] for ellipse in ellipses]
+        level_mm = float(triangulate(*views, *places)[0, 2])
+        circles = [
+            _on_level(view, ellipse, level_mm)
+            for view, ellipse in zip(views, ellipses, strict=True)
+        ]
+        cast.append((log_odds, ellipses, circles))
+    log_odds, ellipses, circles = max(
+        cast, key=lambda coin: coin[0] + sum(circle.log_odds for circle in coin[2])
+    )
+    if log_odds + sum(circle.log_odds for circle in circles) < LEAST_ODDS:
+        return Failure(
+            "marker_not_found",
+            "No coin lies flat on the table.",
+            "Lay the coin flat on the table beside the plate.",
+        )
+    scale = known.diameter_mm / 2 / float(np.sqrt(circles[0].radius_mm * circles[1].radius_mm))
+    middle_mm = scale * (circles[0].middle_mm + circles[1].middle_mm) / 2
+    middle_mm -= [0.0, 0.0, known.thick_mm]
     sd = float(np.linalg.norm([size_sd(ellipse) for ellipse in ellipses])) / 2
 
     def moved(pair: tuple[View, View], factor: float) -> tuple[View, View]:
         first, second = (
             replace(
                 view,
-                translation_mm=factor * view.translation_mm + view.rotation[:, :2] @ middle_mm,
+                translation_mm=factor * view.translation_mm + view.rotation @ middle_mm,
                 known=known,
             )
             for view in pair
@@ -162,13 +190,25 @@ def in_scale(
     return replace(refined, first=first, second=second, doubts=tuple(doubts))
 
 
-def _on_table(view: View, ellipse: Ellipse, thick_mm: float) -> tuple[Float64Array, float]:
-    """Return middle (2,) and radius, mm, of an ellipse cast onto the level of the coin's face."""
+@dataclass(frozen=True, slots=True)
+class _Circle:
+    """What an ellipse is on a level. middle_mm: (3,). log_odds: that it is a circle."""
+
+    middle_mm: Float64Array
+    radius_mm: float
+    log_odds: float
+
+
+def _on_level(view: View, ellipse: Ellipse, level_mm: float) -> _Circle:
+    """Return an ellipse cast onto a level over the table."""
     rays = homogeneous(undistort_to_rays(view, ellipse.points())) @ view.rotation
     centre = view.centre_mm
-    cast = centre + rays * ((thick_mm - centre[2]) / rays[:, 2])[:, None]
-    middle = np.asarray(cast[:, :2].mean(axis=0), np.float64)
-    return middle, float(np.linalg.norm(cast[:, :2] - middle, axis=1).mean())
+    cast = centre + rays * ((level_mm - centre[2]) / rays[:, 2])[:, None]
+    middle = np.asarray(cast.mean(axis=0), np.float64)
+    _, half, _ = np.linalg.svd(cast[:, :2] - middle[:2], full_matrices=False)
+    flattened = float(np.log(half[0] / half[1]))
+    radius_mm = float(np.linalg.norm(cast - middle, axis=1).mean())
+    return _Circle(middle, radius_mm, -float(np.log1p((flattened / FLATTENED_SD) ** 2)))
 
 
 def _matched_px(pair: PhotoPair) -> tuple[Float64Array, Float64Array]:

@@ -52,6 +52,12 @@ def place_by_object(
     return SingleView(view, (farther, *tilted, *([zoomed(view, 1 + sd)] if sd > 0 else ())))
 
 
+def normal_of(photo: Photo, camera: Camera, ellipse: Ellipse, known: KnownObject) -> Float64Array:
+    """Return the table's normal (3,) in the camera's frame, against gravity, that a coin's ellipse shows."""
+    view = place_by_object(photo, camera, ellipse, known).first
+    return np.asarray(view.rotation[:, 2], np.float64)
+
+
 def object_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
     own = _log_seen_volume(view.first, middle_mm)

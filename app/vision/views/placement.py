@@ -5,7 +5,7 @@ the poses of a phone's tracking, and the left photograph's depth map. fallbacks.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,7 +32,7 @@ from app.vision.views.depth_parallax import place_by_depth
 from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
-from app.vision.views.object_pair import in_scale, rig_of_object
+from app.vision.views.object_pair import ObjectRig, in_scale, rig_of_object
 from app.vision.views.object_view import object_volume_sd, place_by_object
 from app.vision.views.pose_doubt import volume_doubt
 from app.vision.views.reconstruction import Reconstruction, plane_points
@@ -275,11 +275,30 @@ def _pair_by_object(
         found = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
     if isinstance(found, Failure):
         return found
-    placed = views_by_rig(pair, found.rig, options, trace)
+    placed: Placement | Failure = _by_coin(pair, found, found.rig, known, options, trace)
+    if isinstance(placed, Failure):  # a coin that is seen but small tells the table's tilt badly
+        placed = _by_coin(pair, found, replace(found.rig, up=None), known, options, trace)
+    return placed
+
+
+def _by_coin(
+    pair: PhotoPair,
+    found: ObjectRig,
+    rig: StereoRig,
+    known: KnownObject,
+    options: EstimateOptions,
+    trace: ViewsTrace,
+) -> Placement | Failure:
+    """Return the views of a rig over the table, in the scale of the coin that lies flat on it."""
+    placed = views_by_rig(pair, rig, options, trace)
     if isinstance(placed, Failure) or trace.refined is None:
         return placed
-    ellipses = found.ellipses[::-1] if trace.is_swapped else found.ellipses
-    refined = in_scale(trace.refined, ellipses, known)
+    coins = found.coins
+    if trace.is_swapped:
+        coins = tuple((log_odds, right, left) for log_odds, left, right in coins)
+    refined = in_scale(trace.refined, coins, known)
+    if isinstance(refined, Failure):
+        return refined
     trace.keep_views(refined)
     return Placement(refined, "object")
 

@@ -46,22 +46,28 @@ SHIFT_SD_SHARE = 0.003  # prior, of the baseline, each axis
 # and by 0.2 to 0.5 degrees between two photographs of a table.
 POSES_TURN_SD_RAD = 6e-3
 POSES_SHIFT_SD_SHARE = 0.02
+# The same of an essential matrix, which tells a turn from a shift but badly.
+OBJECT_TURN_SD_RAD = 3e-2
+OBJECT_SHIFT_SD_SHARE = 0.1
 # of the long side: what such poses put matches off their epipolar lines, three sd
 ROUGH_GATE_SHARE = 0.025
 ROUGH_DISTANCE_MM = 400.0  # of a table from a phone, where its true distance is not known yet
 
-Source = Literal["rig", "poses"]
+Source = Literal["rig", "poses", "object"]
 PRIORS: Mapping[Source, tuple[float, float]] = {
     "rig": (TURN_SD_RAD, SHIFT_SD_SHARE),
     "poses": (POSES_TURN_SD_RAD, POSES_SHIFT_SD_SHARE),
+    "object": (OBJECT_TURN_SD_RAD, OBJECT_SHIFT_SD_SHARE),
 }
+ROUGH_ROUNDS = (
+    partial(near_epipolar_lines, limit_px_at_12mp=ROUGH_GATE_SHARE * LONG_SIDE_12MP),
+    partial(near_epipolar_lines, limit_px_at_12mp=GATE_PX_AT_12MP),
+    surely_on_epipolar_lines,
+)
 ROUNDS: Mapping[Source, tuple[Callable[[View, View, Matches], MaskArray], ...]] = {
     "rig": (surely_on_epipolar_lines,),
-    "poses": (
-        partial(near_epipolar_lines, limit_px_at_12mp=ROUGH_GATE_SHARE * LONG_SIDE_12MP),
-        partial(near_epipolar_lines, limit_px_at_12mp=GATE_PX_AT_12MP),
-        surely_on_epipolar_lines,
-    ),
+    "poses": ROUGH_ROUNDS,
+    "object": ROUGH_ROUNDS,
 }
 
 
@@ -87,8 +93,8 @@ def views_of_rig(
         return cameras
     pose = RigPose(rig.right_from_left, np.array(rig.translation_mm))
     up = np.array(rig.up) if rig.up is not None else None
-    if rig.source == "poses":
-        adjusted = _adjusted_views(photos, cameras, pose, up)
+    if rig.source != "rig":
+        adjusted = _adjusted_views(photos, cameras, pose, up, rig.source)
         if isinstance(adjusted, Failure):
             return adjusted
         cameras, pose = (
@@ -106,6 +112,7 @@ def _adjusted_views(
     cameras: tuple[Camera, Camera],
     pose: RigPose,
     up: Float64Array | None,
+    source: Source,
 ) -> RefinedViews | Failure:
     """A rough pose, and the lenses, adjusted to matches that are looked for over a table at a usual distance."""
     towards = np.array([0.0, 0.0, -1.0])
@@ -113,7 +120,7 @@ def _adjusted_views(
     table = np.append(normal, -normal[2] * ROUGH_DISTANCE_MM)
     first, second = _views_over(table, photos, cameras, pose)
     matches = match_features(first, second, ROUGH_GATE_SHARE)
-    refined = refine_rig(first, second, matches, "poses")
+    refined = refine_rig(first, second, matches, source)
     if refined.matches == 0:
         return poses_mismatch("hardly any point is found again where they put it.")
     return refined

@@ -33,7 +33,7 @@ MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some a
 
 
 def judge_matches(
-    matches: Matches, is_good: MaskArray, *, placed_by: Literal["marker", "rig", "poses"]
+    matches: Matches, is_good: MaskArray, *, placed_by: Literal["marker", "rig", "poses", "object"]
 ) -> Failure | None:
     """Failure if hardly a match beside the board lies on its epipolar line; None if enough do.
 
