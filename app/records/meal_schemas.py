@@ -333,8 +333,8 @@ class RunOut(BaseModel):
     )
     pipeline_version: str = Field(description="The version of the pipeline.")
     marker: str | None = Field(
-        description="The board that the run looked for, such as plain:9x7:11; null: a rig, the cameras' poses or a "
-        "depth map gave the scale."
+        description="The board or the coin that the run looked for, such as plain:9x7:11; null: a rig, the cameras' "
+        "poses or a depth map gave the scale."
     )
     camera: dict[str, Any] | None = Field(
         description="Intrinsics that the run used, of the left and the right photograph; null: it failed before it "

@@ -13,15 +13,17 @@ from typing import Literal
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.board.camera import estimate_views, view_angle_deg
+from app.vision.board.camera import camera_from_exif, estimate_views, view_angle_deg
 from app.vision.board.grid import square_means
 from app.vision.board.marker import agree_on_corners, contrast_image, find_marker
 from app.vision.board.print_layout import border_share, seen_tags_px, shortest_side_px
 from app.vision.board.quality import clipped_share, edge_width_limit_px, marker_edge_width_px
+from app.vision.board.round_object import find_round_objects
 from app.vision.board.search import find_grids
 from app.vision.board.tag_bits import read_tag_cells
 from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.intrinsics import Camera
+from app.vision.known_object import KnownObject
 from app.vision.marker_spec import MarkerSpec, TagBoard
 from app.vision.model import (
     EstimateOptions,
@@ -101,7 +103,7 @@ class _Side:
 def check_pair(
     left: ReducedPhoto | Failure,
     right: ReducedPhoto | Failure,
-    spec: MarkerSpec,
+    spec: MarkerSpec | KnownObject,
     camera: Camera | None,
 ) -> PairCheck:
     """Judge a pair. A Failure stands for a photograph that could not be read. camera: as in EstimateOptions."""
@@ -119,7 +121,9 @@ def check_pair(
     return PairCheck(tuple(ordered), {name: round(value, 3) for name, value in measures.items()})
 
 
-def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) -> _Side:
+def _judge_side(
+    side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec | KnownObject
+) -> _Side:
     if isinstance(read, Failure):
         return _Side((PairProblem(read.code, "stop", side),), {})
     problems = []
@@ -128,6 +132,11 @@ def _judge_side(side: SideName, read: ReducedPhoto | Failure, spec: MarkerSpec) 
     measures = {f"clipped_share_{side}": clipped}
     if clipped > MAX_CLIPPED_SHARE:
         problems.append(PairProblem("image_too_bright", "warn", side))
+    if isinstance(spec, KnownObject):
+        seen = find_round_objects(read.photo, camera_from_exif(read.photo), spec, side)
+        if isinstance(seen, Failure):
+            return _stopped(side, seen.code, measures, problems)
+        return _Side(tuple(problems), measures)
     marker = find_marker(read.photo, spec, side)
     if isinstance(marker, Failure):
         is_cut_off = marker.code == "marker_covered" and _leaves_photograph(pixels_bgr)

@@ -17,7 +17,6 @@ from app.photos.slots import VIEW_SLOTS
 from app.vision.intrinsics import camera_from_mapping, camera_to_json
 from app.vision.known_object import KnownObject, parse_scale
 from app.vision.known_poses import poses_from_mapping, poses_to_json
-from app.vision.marker_spec import MarkerSpec
 from app.vision.model import (
     ColourCorrection,
     EstimateOptions,
@@ -70,10 +69,8 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         raise InvalidInputError(
             "Neither a marker nor a rig gives the scale: name one.", code="marker_missing"
         )
-    scale = parse_scale(value["marker"]) if value.get("marker") is not None else None
-    return EstimateOptions(
-        marker=scale if isinstance(scale, MarkerSpec) else None,
-        known=scale if isinstance(scale, KnownObject) else None,
+    return replace(
+        scale_by(value.get("marker")),
         camera=camera_from_mapping(value["camera"]) if value.get("camera") is not None else None,
         rig=rig_from_mapping(value["rig"]) if value.get("rig") is not None else None,
         poses=poses_from_mapping(value["poses"]) if value.get("poses") is not None else None,
@@ -83,6 +80,14 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
         vessels=vessels_from_json(value.get("vessels", [])),
         seed=int(value.get("seed", 0)),
     )
+
+
+def scale_by(marker: str | None) -> EstimateOptions:
+    """Return options with the board or the known object that a text announces. Raises InvalidInputError."""
+    scale = parse_scale(marker) if marker is not None else None
+    if isinstance(scale, KnownObject):
+        return EstimateOptions(None, known=scale)
+    return EstimateOptions(scale)
 
 
 def hint_to_json(hint: Hint) -> Json:

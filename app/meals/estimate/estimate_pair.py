@@ -37,6 +37,7 @@ from app.meals.estimate.estimate_json import (
     answer_of,
     hint_from_json,
     options_to_json,
+    scale_by,
     with_forms,
 )
 from app.meals.estimate.save_estimate import save_estimate
@@ -55,7 +56,6 @@ from app.storage.blob_store import BlobMissingError, BlobStore
 from app.storage.patient_fetcher import PatientFetcher
 from app.vessels.meal_vessels import VesselsOfMeal, vessels_of_meal
 from app.vision.known_poses import poses_from_mapping
-from app.vision.marker_spec import parse_marker
 from app.vision.model import EstimateOptions, MealEstimate
 from app.vision.rig import StereoRig
 from app.vision.version import PIPELINE_VERSION
@@ -361,8 +361,8 @@ def _scale(
     poses = details.get("poses") if details is not None else None
     if marker is None and poses is None and not has_depth:
         raise JobFailure(SCALE_MISSING)
-    return EstimateOptions(
-        parse_marker(marker) if marker is not None else None,
+    return replace(
+        scale_by(marker),
         poses=poses_from_mapping(poses) if poses is not None else None,
     )
 

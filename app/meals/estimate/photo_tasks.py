@@ -20,10 +20,11 @@ from app.vision import precheck
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.intrinsics import camera_from_mapping
+from app.vision.known_object import parse_scale
 from app.vision.looks.food_model import NetworkInput, classify_region, load_network
 from app.vision.looks.vcm import describe, describe_rings
 from app.vision.looks.vcm_region import SIDE_PX, regions_of_whole
-from app.vision.marker_spec import parse_marker
+from app.vision.marker_spec import MarkerSpec
 from app.vision.model import ColourCorrection, ImageArray, Photo
 from app.vision.photograph.photo import ReducedPhoto, read_photo, read_reduced_photo
 
@@ -98,7 +99,7 @@ def check_task(arguments: Arguments, _: StageListener) -> Json:
     with ThreadPoolExecutor(2) as threads:  # decoders let go of the interpreter
         left, right = threads.map(read, (request.left, request.right))
     camera = camera_from_mapping(request.camera) if request.camera is not None else None
-    judged = precheck.check_pair(left, right, parse_marker(request.marker), camera)
+    judged = precheck.check_pair(left, right, parse_scale(request.marker), camera)
     return {
         "ok": judged.is_ok,
         "problems": [
@@ -204,7 +205,8 @@ def classify_task(arguments: Arguments, _: StageListener) -> Json:
 
 def _colour_by_marker(photo: Photo, marker: str | None) -> ColourCorrection | None:
     """Return the correction that the pipeline would measure; None: there is no board, or it is not seen."""
-    if marker is None:
+    board = parse_scale(marker) if marker is not None else None
+    if not isinstance(board, MarkerSpec):
         return None
-    observation = find_marker(photo, parse_marker(marker))
+    observation = find_marker(photo, board)
     return None if isinstance(observation, Failure) else measure_colour(photo, observation)

@@ -28,7 +28,7 @@ from app.people.access.deps import CurrentDevice, State
 from app.people.models import CameraDetails, Study
 from app.photos.slots import PAIR_SLOTS
 from app.vision.intrinsics import camera_to_json
-from app.vision.marker_spec import parse_marker
+from app.vision.known_object import parse_scale
 
 router = APIRouter(prefix="/v1/checks", tags=["checks"])
 
@@ -104,7 +104,7 @@ def check_pair(
             "marker, such as plain:9x7:11.",
             code="marker_missing",
         )
-    parse_marker(marker)
+    parse_scale(marker)
     locale = choose_locale(metadata.locale, accept_language, study.locale)
     request = {
         "left": str(files["left"].path),

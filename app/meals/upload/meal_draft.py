@@ -37,8 +37,8 @@ from app.people.models import Study
 from app.photos.slots import DEPTH_SLOTS, VOICE_NOTE, image_name
 from app.records.meal_schemas import MealMetadataIn
 from app.vessels.meal_vessels import require_known_vessels
+from app.vision.known_object import parse_scale
 from app.vision.known_poses import poses_from_mapping
-from app.vision.marker_spec import parse_marker
 from app.vision.photograph.depth_camera import depth_camera_from_mapping, size_mismatch
 
 # not compared: a repetition may be cut to another policy, or pass through another server
@@ -101,7 +101,7 @@ def draft_meal(
     Raises InvalidInputError (time, zone, marker, rig, poses).
     """
     if metadata.marker is not None:
-        parse_marker(metadata.marker)
+        parse_scale(metadata.marker)
     time = meal_time(metadata.captured_at, metadata.time_zone, datetime.now(UTC))
     details = _details(metadata, time, unknown)
     if metadata.rig is not None:

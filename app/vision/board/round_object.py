@@ -43,7 +43,7 @@ INSIDE, AROUND = -0.12, 1.6  # of the radius, clear of the edge; of the window a
 # 152 photographs of ECUSTFD and 56 rendered ones with its coins drawn in, among 2,100 others. By
 # cover, aspect, chroma / 10, spread of colour / 10, and one.
 WEIGHTS = (12.6, 1.5, -0.89, -0.65, -8.0)
-LEAST_ODDS = -5.0  # one in two hundred that were right had less
+LEAST_ODDS = -1.0  # one in twenty that were right had less
 MOST_LIKELY = 5
 
 

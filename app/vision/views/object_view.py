@@ -26,8 +26,9 @@ SIZE_SD = 0.02  # of its diameter in the picture: its edge is round, and which l
 # phones lie between 23 and 31 mm where nothing is told.
 FOCAL_SDS: Mapping[str, float] = {"given": 0.0, "exif": 0.03, "board": 0.1}
 # How phones are held, radians: the table's normal in the camera's frame lies in the plane of its
-# upright and its axis, and leans back by anything from a view from above to one from a chair.
-ROLL_SD, TILT, TILT_SD = 0.1, 0.25, 0.4
+# upright and its axis, and leans back by anything from a view from above to one from a chair;
+# nobody reaches over a meal to photograph it from beyond.
+ROLL_SD, TILT, TILT_SD, LEAN_SD = 0.1, 0.25, 0.4, 0.1
 ROLLS, TILTS, GRID = (-0.5, 0.5), (-0.5, 1.4), 121
 LEAST_SD = 0.02
 LEAST_VOLUME_SD = 0.006
@@ -132,6 +133,7 @@ def _as_held(
     aspect_sd = 2 * EDGE_SD_PX / ellipse.radius_px
     log_odds = -0.5 * np.square(apart / aspect_sd).sum(axis=1)
     log_odds -= 0.5 * (x / ROLL_SD) ** 2 + 0.5 * ((y - np.sin(TILT)) / TILT_SD) ** 2
+    log_odds -= 0.5 * (np.minimum(y, 0.0) / LEAN_SD) ** 2
     odds = np.exp(log_odds - log_odds.max())
     odds /= odds.sum()
     mean = odds @ normals
