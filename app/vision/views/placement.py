@@ -79,29 +79,22 @@ def doubt_volumes(
 
     is_food: (H, W). Failure "focal_unknown".
     """
-    if isinstance(placed.views, SingleView):
-        middle_mm = np.nanmedian(plane_points(scene.rectified)[is_food], axis=0)[:2].astype(
-            np.float64
-        )
+    views, flags = placed.views, SCALE_FLAGS[placed.scale]
+    if placed.scale == "object" and views.first.camera.source == "board":
+        flags = (*flags, "camera_unknown")  # which a board tells, and a coin does not
+    if isinstance(views, SingleView):
+        on_table = plane_points(scene.rectified)[is_food]
+        middle_mm = np.nanmedian(on_table, axis=0)[:2].astype(np.float64)
         if placed.scale == "object":
-            return object_volume_sd(placed.views, middle_mm), _flags_of_object(placed.views.first)
-        sd = single_volume_sd(placed.views, middle_mm)
-        return too_unsure() if sd > MOST_SD else (sd, SCALE_FLAGS[placed.scale])
-    doubt = volume_doubt(placed.views, scene.points_table[is_food], placed.focal)
+            return object_volume_sd(views, middle_mm), flags
+        sd = single_volume_sd(views, middle_mm)
+        return too_unsure() if sd > MOST_SD else (sd, flags)
+    doubt = volume_doubt(views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()
-    flags = SCALE_FLAGS[placed.scale]
-    if placed.scale == "object":
-        return doubt.sd, _flags_of_object(placed.views.first)
     if doubt.focal_sd > FLAG_SD:
         flags = (*flags, "focal_unknown")
     return doubt.sd, flags
-
-
-def _flags_of_object(view: View) -> tuple[str, ...]:
-    """Return the flags of a scale by an object, which tells nothing of the camera's focal length."""
-    flags = SCALE_FLAGS["object"]
-    return (*flags, "camera_unknown") if view.camera.source == "board" else flags
 
 
 def views_by_marker(

@@ -122,6 +122,7 @@ BAD_METADATA = [
     (meal_metadata(captured_at="2026-02-30T00:00:00Z"), 422, "metadata_invalid"),
     (meal_metadata(time_zone="Nowhere/Land"), 422, "time_zone_unknown"),
     (meal_metadata(marker="plain:9999x7:11"), 422, "marker_invalid"),
+    (meal_metadata(marker="coin:eur-3"), 422, "marker_invalid"),
     (meal_metadata(location={"latitude": 91, "longitude": 0}), 422, "metadata_invalid"),
     (meal_metadata(location={"latitude": 0, "longitude": -180.5}), 422, "metadata_invalid"),
     (meal_metadata(location={"latitude": "1", "longitude": 0}), 422, "metadata_invalid"),
