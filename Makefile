@@ -65,6 +65,9 @@ docs: dev  ## every page of docs/ rendered as under /docs/guide; a link to nothi
 bench: dev  ## the short form of all benchmarks, against the last release's figures: docs/performance.md; ten minutes
 	$(BIN)/python -m benchmarks.bench
 
+benchmark-real: dev  ## volumes of real photographs against measured ones, by the coin in them; three minutes
+	$(BIN)/python benchmarks/weighed_photographs.py
+
 check: dev  ## lint, format, types, import rule
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
