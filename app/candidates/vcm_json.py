@@ -43,8 +43,11 @@ class StoredPiece:
         A vector of an earlier version lacks its last numbers: they are NaN (Metric.embed). Returns
         none if the version is unknown or a vector is damaged: one such would spoil all answers.
         """
-        numbers, length = numbers_of(self.vector), LENGTHS.get(self.vcm_version)
-        if length is None or len(numbers) % length or not np.isfinite(numbers).all():
+        length = LENGTHS.get(self.vcm_version)
+        if length is None:  # also what was erased, of which nothing is kept
+            return []
+        numbers = numbers_of(self.vector)
+        if len(numbers) % length or not np.isfinite(numbers).all():
             return []
         views = numbers.reshape(-1, length)
         return [

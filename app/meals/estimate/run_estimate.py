@@ -36,7 +36,7 @@ from app.vision.model import (
 from app.vision.photograph.depth_camera import depth_camera_from_mapping
 from app.vision.photograph.depth_map import read_depth
 from app.vision.photograph.heic_depth import decode_heic_depth
-from app.vision.photograph.photo import read_photo
+from app.vision.photograph.photo import LEAST_BY_OBJECT_PX, MIN_SHORT_SIDE_PX, read_photo
 from app.vision.pipeline import estimate_meal
 from app.vision.version import PIPELINE_VERSION
 
@@ -82,10 +82,11 @@ def read_photographs(
 
     See run_estimate.py.
     """
+    least_px = MIN_SHORT_SIDE_PX if options.known is None else LEAST_BY_OBJECT_PX
     photos: list[Photo] = []
     unused: tuple[str, ...] = ()
     for side, path in photographs.items():
-        read = read_photo(path.read_bytes(), max_pixels=max_pixels)
+        read = read_photo(path.read_bytes(), max_pixels=max_pixels, least_short_side_px=least_px)
         if isinstance(read, Failure):
             return Failure(read.code, f"The {side} photograph: {read.message}", read.advice)
         photo = read

@@ -24,6 +24,7 @@ from app.vision.geometry.pictures import reduce_by
 from app.vision.model import ImageArray, Photo
 from app.vision.photograph.lost_pixels import JPEG_START, PNG_START, lacks_pixels
 
+LEAST_BY_OBJECT_PX = 360  # a coin beside a plate is some 30 px wide there
 MIN_SHORT_SIDE_PX = 480  # a marker that is an eighth of the photograph has squares of 7 px there; smaller ones are lost
 DIAGONAL_35MM = math.hypot(36.0, 24.0)
 FOCAL_35MM_RANGE = (8.0, 400.0)  # outside, the tag is unset (0) or nonsense

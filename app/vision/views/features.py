@@ -16,13 +16,21 @@ from app.vision.board.print_layout import common_points, seen_print_mm
 from app.vision.geometry.pictures import grey_of, reduce_by
 from app.vision.geometry.projective import cross_matrix, homogeneous, map_points
 from app.vision.marker_spec import TagBoard
-from app.vision.model import Float32Array, Float64Array, ImageArray, MarkerObservation, View
+from app.vision.model import (
+    Float32Array,
+    Float64Array,
+    ImageArray,
+    MarkerObservation,
+    Photo,
+    View,
+)
 from app.vision.views.patch_alignment import align_patches
 
 # long side where SIFT runs: which point is which; where it is, alignment tells
 MATCHING_SIDE_PX = 512
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
+UNPLACED_FINER = 2  # where no pose helps, and the pose has to come of it
 MIN_CONTRASTS = (
     0.01,
     0.003,
@@ -93,6 +101,19 @@ def match_features(first: View, second: View, gate_share: float = GATE_SHARE) ->
         np.concatenate([corners_second_px, second_px[keep]]),
         np.concatenate([corners, np.zeros(int(keep.sum()), np.bool_)]),
         np.concatenate([~corners, is_food[keep]]),
+    )
+
+
+def match_unplaced(photos: tuple[Photo, Photo]) -> tuple[Float64Array, Float64Array]:
+    """Mutual SIFT matches (n, 2), (n, 2), px, of photographs whose poses are not known; not aligned."""
+    reduced = [_reduced_grey(photo.pixels_bgr) for photo in photos]
+    (at, first), (at_second, second) = (
+        _detect(grey, np.full_like(grey, 255), finer=UNPLACED_FINER) for grey, _ in reduced
+    )
+    pairs = _mutual_matches(first, second, np.ones((len(at), len(at_second)), np.bool_))
+    return (
+        _at_full_size(at[pairs[:, 0]], reduced[0][1]),
+        _at_full_size(at_second[pairs[:, 1]], reduced[1][1]),
     )
 
 
@@ -302,19 +323,21 @@ def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
 
 
 def _detect(
-    grey: ImageArray, mask: ImageArray, *, has_tags: bool = False
+    grey: ImageArray, mask: ImageArray, *, has_tags: bool = False, finer: int = 1
 ) -> tuple[Float64Array, NDArray[np.float32]]:
     """Keypoints (n, 2) in px of grey and their descriptors (n, 128), found at MATCHING_SIDE_PX where mask is not 0.
 
-    has_tags: the picture shows a board of tags. OpenCV keeps the strongest keypoints before it looks at the mask, and
-    a sheet of tags has more of them than all of the meal.
+    finer: by which factor, with its square of keypoints. has_tags: the picture shows a board of tags. OpenCV keeps the
+    strongest keypoints before it looks at the mask, and a sheet of tags has more of them than all of the meal.
     """
     height, width = grey.shape
-    scale = min(1.0, MATCHING_SIDE_PX / max(height, width))
+    scale = min(1.0, finer * MATCHING_SIDE_PX / max(height, width))
     size = (round(width * scale), round(height * scale))
     small, small_mask = cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.resize(mask, size)
     for contrast in MIN_CONTRASTS:
-        sift = cv2.SIFT.create(0 if has_tags else MAX_FEATURES, contrastThreshold=contrast)
+        sift = cv2.SIFT.create(
+            0 if has_tags else finer**2 * MAX_FEATURES, contrastThreshold=contrast
+        )
         if has_tags:
             strongest = sorted(sift.detect(small, small_mask), key=lambda point: -point.response)[
                 :MAX_FEATURES

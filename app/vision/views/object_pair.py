@@ -14,21 +14,23 @@ import numpy as np
 
 from app.core.errors import Failure
 from app.vision.board.round_object import Ellipse
-from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.known_object import KnownObject
-from app.vision.model import Float64Array, ImageArray, PhotoPair, View
+from app.vision.model import Float64Array, PhotoPair, View
 from app.vision.rig import MAX_BASELINE_MM, MIN_BASELINE_MM, StereoRig
-from app.vision.views.features import too_few_matches, triangulate, undistort_to_rays
+from app.vision.views.features import (
+    MATCHING_SIDE_PX,
+    UNPLACED_FINER,
+    match_unplaced,
+    too_few_matches,
+    triangulate,
+    undistort_to_rays,
+)
 from app.vision.views.object_view import focal_sd, normal_of, size_sd, zoomed
 from app.vision.views.relative_pose import RefinedViews
 
-SIDE_PX = 1024  # where features are looked for
-MAX_FEATURES = 2000
-MIN_CONTRAST = 0.01
-MAX_RATIO = 0.8  # see features.py
-ON_LINE_PX = 1.0  # from an epipolar line, at that size
+ON_LINE_PX = 1.0  # from an epipolar line, where features are looked for
 CONFIDENCE = 0.9999
 MIN_INLIERS = 20
 MOST_COINS = 8  # in both photographs that may be it
@@ -62,14 +64,16 @@ def rig_of_object(
         View(photo, camera, None, np.eye(3), np.zeros(3), 0.0)
         for photo, camera in zip(pair.both, cameras, strict=True)
     ]
-    left_px, right_px = _matched_px(pair)
+    left_px, right_px = match_unplaced(pair.both)
     if len(left_px) < MIN_INLIERS:
         return too_few_matches(len(left_px))
     left_rays, right_rays = (
         undistort_to_rays(view, pixels)
         for view, pixels in zip(views, (left_px, right_px), strict=True)
     )
-    px_per_side = max(1.0, max(pair.left.pixels_bgr.shape[:2]) / SIDE_PX)
+    px_per_side = max(
+        1.0, max(pair.left.pixels_bgr.shape[:2]) / (UNPLACED_FINER * MATCHING_SIDE_PX)
+    )
     cv2.setRNGSeed(0)
     essential, _ = cv2.findEssentialMat(
         left_rays,
@@ -209,37 +213,3 @@ def _on_level(view: View, ellipse: Ellipse, level_mm: float) -> _Circle:
     flattened = float(np.log(half[0] / half[1]))
     radius_mm = float(np.linalg.norm(cast - middle, axis=1).mean())
     return _Circle(middle, radius_mm, -float(np.log1p((flattened / FLATTENED_SD) ** 2)))
-
-
-def _matched_px(pair: PhotoPair) -> tuple[Float64Array, Float64Array]:
-    """Return mutual SIFT matches (n, 2), (n, 2), px of the photographs, that pass the ratio test."""
-    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=MIN_CONTRAST)
-    places, descriptors = [], []
-    for photo in pair.both:
-        small, factor = _reduced(grey_of(photo.pixels_bgr))
-        keys, described = sift.detectAndCompute(small, None)
-        points = np.array([key.pt for key in keys], np.float64).reshape(-1, 2)
-        places.append((points + 0.5) / factor - 0.5)
-        descriptors.append(described)
-    if any(described is None or len(described) < 2 for described in descriptors):
-        return np.empty((0, 2)), np.empty((0, 2))
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    forth, back = (
-        {
-            best.queryIdx: best.trainIdx
-            for best, second in matcher.knnMatch(descriptors[first], descriptors[1 - first], k=2)
-            if best.distance < MAX_RATIO * second.distance
-        }
-        for first in (0, 1)
-    )
-    mutual = np.array([(a, b) for a, b in forth.items() if back.get(b) == a], np.int64)
-    mutual = mutual.reshape(-1, 2)
-    return places[0][mutual[:, 0]], places[1][mutual[:, 1]]
-
-
-def _reduced(grey: ImageArray) -> tuple[ImageArray, float]:
-    factor = min(1.0, SIDE_PX / max(grey.shape))
-    if factor == 1.0:
-        return grey, factor
-    small = cv2.resize(grey, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    return np.asarray(small, np.uint8), factor
