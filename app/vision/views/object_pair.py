@@ -37,7 +37,7 @@ MOST_COINS = 8  # in both photographs that may be it
 FLATTENED_SD = (
     0.06  # log of the half-axes' ratio of a coin on a table that is tilted by some degrees
 )
-LEAST_ODDS = -4.0
+LEAST_ROUND = -4.5  # of both: less round, and the table or the poses are wrong
 OFF_SD = 0.2  # of a coin's radius, between where two ellipses put its middle
 SIZE_RATIO_SD = 0.08  # between the distances that they tell
 
@@ -160,10 +160,10 @@ def in_scale(
             for view, ellipse in zip(views, ellipses, strict=True)
         ]
         cast.append((log_odds, ellipses, circles))
-    log_odds, ellipses, circles = max(
+    _, ellipses, circles = max(
         cast, key=lambda coin: coin[0] + sum(circle.log_odds for circle in coin[2])
     )
-    if log_odds + sum(circle.log_odds for circle in circles) < LEAST_ODDS:
+    if sum(circle.log_odds for circle in circles) < LEAST_ROUND:
         return Failure(
             "marker_not_found",
             "No coin lies flat on the table.",
