@@ -1,8 +1,8 @@
 """Which inputs of a meal are believed, and what is measured instead where they fail.
 
-Photographs and options in -> the run that counts. What gives the scale is chosen first: a rig, the
-marker, poses, a depth map. The left photograph is paired with its best partner; the next one
-follows while a run fails. Then come the left photograph alone by its depth map, the poses, and the
+Photographs and options in -> the run that counts. What gives the scale is chosen first: a rig, a
+known object, the marker, poses, a depth map. The left photograph is paired with its best partner;
+the next one follows while a run fails. Then come the left photograph alone by its depth map, the poses, and the
 left photograph alone by the marker.
 """
 
@@ -96,7 +96,7 @@ def run_with_fallbacks(
 
 
 def place_views(pair: PhotoPair, options: EstimateOptions, trace: Trace) -> Placement | Failure:
-    """Return the views by the rig, the marker, the poses or the depth map, the first that is given.
+    """Return the views by rig, known object, marker, poses or depth map, the first that is given.
 
     A metric depth map also gives the scale where the marker is not seen. Raises ValueError for
     options without any.

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from app.vision.geometry.ellipse import Ellipse, fit_ellipse
 from app.vision.geometry.masks import (
     components,
     dilated,
@@ -346,51 +347,25 @@ def _outline_mm(thing: MaskArray, xy_mm: Float32Array) -> Float64Array:
 
 
 def _fit_ellipse(outline: Float64Array, view: TopView) -> _Outline | None:
-    """The ellipse that most of the outline lies on (RANSAC), which food that stands over the rim hides in part."""
-    rng = np.random.default_rng(0)
-    best: tuple[float, Float64Array] | None = None
-    for _ in range(TRIALS):
-        drawn = outline[rng.choice(len(outline), 6, replace=False)]
-        conic = _ellipse(drawn)
-        if conic is None:
-            continue
-        cover = _cover(outline, conic)
-        if best is None or cover > best[0]:
-            best = cover, conic
-    if best is None:
+    """The ellipse that most of the outline lies on, which food that stands over the rim hides in part."""
+
+    def may_be_dish(ellipse: Ellipse) -> bool:
+        small, large = float(ellipse.half.min()), float(ellipse.half.max())
+        return small >= ON_OUTLINE_MM and large < MAX_ASPECT * small
+
+    def cover(ellipse: Ellipse) -> float:
+        return _cover(outline, ellipse)
+
+    ellipse = fit_ellipse(outline, ON_OUTLINE_MM, TRIALS, may_be_dish, cover)
+    if ellipse is None:
         return None
-    near = np.abs(_beyond_mm(outline, best[1])) < ON_OUTLINE_MM
-    better = _ellipse(outline[near]) if np.count_nonzero(near) > 8 else None
-    conic = best[1] if better is None or _cover(outline, better) < best[0] else better
-    return _Outline(
-        (-_beyond_mm(view.centres_mm(), conic)).astype(np.float32), _cover(outline, conic)
-    )
+    return _Outline((-ellipse.beyond(view.centres_mm())).astype(np.float32), cover(ellipse))
 
 
-def _ellipse(points: Float64Array) -> Float64Array | None:
-    """(5,) middle, half-axes and heading, mm and radians; None for one that is no dish's."""
-    (x, y), size, angle = cv2.fitEllipseDirect(points.astype(np.float32))
-    width, height = np.asarray(size, np.float64).tolist()
-    values = np.array([x, y, width / 2, height / 2, np.radians(angle)], np.float64)
-    if not np.isfinite(values).all() or min(width, height) < 2 * ON_OUTLINE_MM:
-        return None
-    return values if max(width, height) < MAX_ASPECT * min(width, height) else None
-
-
-def _beyond_mm(xy_mm: Float64Array, ellipse: Float64Array) -> Float64Array:
-    """(...,) distance outside the ellipse, mm, to first order; xy_mm: (..., 2)."""
-    x, y, a, b, angle = ellipse
-    cosine, sine = np.cos(angle), np.sin(angle)
-    u = (xy_mm[..., 0] - x) * cosine + (xy_mm[..., 1] - y) * sine
-    v = -(xy_mm[..., 0] - x) * sine + (xy_mm[..., 1] - y) * cosine
-    radius = np.hypot(u / a, v / b)
-    return np.asarray((radius - 1) * np.hypot(u, v) / np.maximum(radius, 1e-6), np.float64)
-
-
-def _cover(outline: Float64Array, ellipse: Float64Array) -> float:
+def _cover(outline: Float64Array, ellipse: Ellipse) -> float:
     """Share of the directions from the ellipse's middle in which the outline lies on it."""
-    near = outline[np.abs(_beyond_mm(outline, ellipse)) < ON_OUTLINE_MM]
-    turn = np.arctan2(near[:, 1] - ellipse[1], near[:, 0] - ellipse[0])
+    near = outline[np.abs(ellipse.beyond(outline)) < ON_OUTLINE_MM] - ellipse.centre
+    turn = np.arctan2(near[:, 1], near[:, 0])
     return len(np.unique(np.floor((turn + np.pi) / (2 * np.pi) * SECTORS))) / SECTORS
 
 

@@ -12,8 +12,8 @@ from itertools import product
 import cv2
 import numpy as np
 
-from app.core.errors import Failure
-from app.vision.board.round_object import Ellipse
+from app.vision.board.round_object import MaybeCoin
+from app.vision.geometry.ellipse import Ellipse
 from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.known_object import KnownObject
@@ -23,11 +23,10 @@ from app.vision.views.features import (
     MATCHING_SIDE_PX,
     UNPLACED_FINER,
     match_unplaced,
-    too_few_matches,
     triangulate,
     undistort_to_rays,
 )
-from app.vision.views.object_view import focal_sd, normal_of, size_sd, zoomed
+from app.vision.views.object_view import FOCAL_SDS, place_by_object, size_sd, zoomed
 from app.vision.views.relative_pose import RefinedViews
 
 ON_LINE_PX = 1.0  # from an epipolar line, where features are looked for
@@ -43,22 +42,31 @@ SIZE_RATIO_SD = 0.08  # between the distances that they tell
 
 
 @dataclass(frozen=True, slots=True)
+class CoinInBoth:
+    """Two ellipses that may be the coin. log_odds: that they are. baseline_mm: by what they tell of their distance."""
+
+    ellipses: tuple[Ellipse, Ellipse]
+    log_odds: float
+    baseline_mm: float
+
+
+@dataclass(frozen=True, slots=True)
 class ObjectRig:
-    """The rig that two photographs make. coins: what may be the coin, left and right, with its log odds, best first."""
+    """The rig that two photographs make. coins: what may be the coin in both, left and right, the likeliest first."""
 
     rig: StereoRig
-    coins: tuple[tuple[float, Ellipse, Ellipse], ...]
+    coins: tuple[CoinInBoth, ...]
 
 
 def rig_of_object(
     pair: PhotoPair,
     cameras: tuple[Camera, Camera],
-    candidates: tuple[Sequence[Ellipse], Sequence[Ellipse]],
+    candidates: tuple[Sequence[MaybeCoin], Sequence[MaybeCoin]],
     known: KnownObject,
-) -> ObjectRig | Failure:
-    """Return the rig by the likeliest ellipses that are one thing in both photographs.
+) -> ObjectRig | None:
+    """Return the rig by the likeliest ellipses that are one thing in both photographs; None if there are none.
 
-    candidates: of the coin, in the left and the right photograph. Failure "too_few_matches".
+    candidates: of the coin, in the left and the right photograph. None also for too few matches.
     """
     views = [
         View(photo, camera, None, np.eye(3), np.zeros(3), 0.0)
@@ -66,7 +74,7 @@ def rig_of_object(
     ]
     left_px, right_px = match_unplaced(pair.both)
     if len(left_px) < MIN_INLIERS:
-        return too_few_matches(len(left_px))
+        return None
     left_rays, right_rays = (
         undistort_to_rays(view, pixels)
         for view, pixels in zip(views, (left_px, right_px), strict=True)
@@ -84,42 +92,47 @@ def rig_of_object(
         threshold=ON_LINE_PX * px_per_side / cameras[0].fx,
     )
     if essential is None or essential.shape != (3, 3):
-        return too_few_matches(0)
+        return None
     count, rotation, shift, _ = cv2.recoverPose(essential, left_rays, right_rays, np.eye(3))
     if count < MIN_INLIERS:
-        return too_few_matches(int(count))
+        return None
     turn, step = np.asarray(rotation, np.float64), np.asarray(shift, np.float64).ravel()
-    coins: list[tuple[float, Ellipse, Ellipse]] = []
-    baselines: list[float] = []
-    for left, right in product(*candidates):
-        judged = _as_one(views, (left, right), turn, step, known.diameter_mm / 2)
-        if judged is not None and MIN_BASELINE_MM < judged[1] < MAX_BASELINE_MM:
-            coins.append((judged[0], left, right))
-            baselines.append(judged[1])
+    judged = [
+        _in_both(views, (left, right), turn, step, known.diameter_mm / 2)
+        for left, right in product(*candidates)
+    ]
+    coins = [coin for coin in judged if coin is not None]
     if not coins:
-        return too_few_matches(int(count))
-    order = np.argsort([-coin[0] for coin in coins])
-    x, y, z = (baselines[int(order[0])] * step).tolist()
-    first, second, third = ((float(row[0]), float(row[1]), float(row[2])) for row in turn)
-    best = coins[int(order[0])]
-    up_x, up_y, up_z = normal_of(pair.left, cameras[0], best[1], known).tolist()
-    rig = StereoRig(*cameras, (first, second, third), (x, y, z), "object", (up_x, up_y, up_z))
-    return ObjectRig(rig, tuple(coins[number] for number in order[:MOST_COINS]))
+        return None
+    coins.sort(key=lambda coin: -coin.log_odds)
+    alone = place_by_object(pair.left, cameras[0], coins[0].ellipses[0], known).first
+    rows = [(float(x), float(y), float(z)) for x, y, z in turn]
+    step_x, step_y, step_z = (coins[0].baseline_mm * step).tolist()
+    up_x, up_y, up_z = alone.rotation[:, 2].tolist()
+    rig = StereoRig(
+        *cameras,
+        rotation=(rows[0], rows[1], rows[2]),
+        translation_mm=(step_x, step_y, step_z),
+        source="object",
+        up=(up_x, up_y, up_z),
+    )
+    return ObjectRig(rig, tuple(coins[:MOST_COINS]))
 
 
-def _as_one(
+def _in_both(
     views: Sequence[View],
-    ellipses: Sequence[Ellipse],
+    coins: Sequence[MaybeCoin],
     rotation: Float64Array,
     step: Float64Array,
     radius_mm: float,
-) -> tuple[float, float] | None:
-    """Return the log odds that two ellipses are the coin, and the baseline, mm, that they give; None if they are apart.
+) -> CoinInBoth | None:
+    """Return what two ellipses are as one coin; None if they are apart. rotation, step: of the relative pose.
 
     A circle's larger half-axis tells its distance, whatever its tilt.
     """
+    ellipses = coins[0].ellipse, coins[1].ellipse
     rays = [
-        undistort_to_rays(view, ellipse.centre_px[None])
+        undistort_to_rays(view, ellipse.centre[None])
         for view, ellipse in zip(views, ellipses, strict=True)
     ]
     place = cv2.triangulatePoints(
@@ -129,46 +142,46 @@ def _as_one(
     second = rotation @ first + step
     if not (first[2] > 0 and second[2] > 0):
         return None
-    log_odds = 0.0
+    log_odds = sum(coin.log_odds for coin in coins)
     log_baselines = []
     for view, ellipse, ray, point in zip(views, ellipses, rays, (first, second), strict=True):
         off_px = float(np.linalg.norm(point[:2] / point[2] - ray)) * view.camera.fx
-        log_odds += ellipse.odds - 0.5 * (off_px / ellipse.radius_px / OFF_SD) ** 2
-        distance_mm = view.camera.fx * radius_mm / float(ellipse.half_px.max())
+        log_odds -= 0.5 * (off_px / ellipse.radius / OFF_SD) ** 2
+        distance_mm = view.camera.fx * radius_mm / float(ellipse.half.max())
         log_baselines.append(float(np.log(distance_mm / point[2])))
     log_odds -= 0.5 * ((log_baselines[0] - log_baselines[1]) / SIZE_RATIO_SD) ** 2
-    return log_odds, float(np.exp(np.mean(log_baselines)))
+    baseline_mm = float(np.exp(np.mean(log_baselines)))
+    if not MIN_BASELINE_MM < baseline_mm < MAX_BASELINE_MM:
+        return None
+    return CoinInBoth(ellipses, log_odds, baseline_mm)
 
 
 def in_scale(
     refined: RefinedViews,
-    coins: Sequence[tuple[float, Ellipse, Ellipse]],
+    coins: Sequence[CoinInBoth],
     known: KnownObject,
-) -> RefinedViews | Failure:
+    *,
+    is_swapped: bool,
+) -> RefinedViews | None:
     """Return views over the table in the coin's scale, the table frame's origin under its middle.
 
-    coins: log odds and ellipses, px of the first and the second view's photographs. What lies flat on the table is a
-    circle there, in both views of the same size. Failure "marker_not_found".
+    What lies flat on the table is a circle there, in both views; None if nothing is.
+    is_swapped: whether the first view is the right photograph's.
     """
     views = refined.first, refined.second
     cast = []
-    for log_odds, *ellipses in coins:
-        places = [ellipse.centre_px[None] for ellipse in ellipses]
-        level_mm = float(triangulate(*views, *places)[0, 2])
+    for coin in coins:
+        ellipses = coin.ellipses[::-1] if is_swapped else coin.ellipses
+        level_mm = float(triangulate(*views, *(each.centre[None] for each in ellipses))[0, 2])
         circles = [
             _on_level(view, ellipse, level_mm)
             for view, ellipse in zip(views, ellipses, strict=True)
         ]
-        cast.append((log_odds, ellipses, circles))
-    _, ellipses, circles = max(
-        cast, key=lambda coin: coin[0] + sum(circle.log_odds for circle in coin[2])
-    )
-    if sum(circle.log_odds for circle in circles) < LEAST_ROUND:
-        return Failure(
-            "marker_not_found",
-            "No coin lies flat on the table.",
-            "Lay the coin flat on the table beside the plate.",
-        )
+        log_round = sum(circle.log_odds for circle in circles)
+        cast.append((coin.log_odds + log_round, log_round, ellipses, circles))
+    _, log_round, ellipses, circles = max(cast, key=lambda coin: coin[0])
+    if log_round < LEAST_ROUND:
+        return None
     scale = known.diameter_mm / 2 / float(np.sqrt(circles[0].radius_mm * circles[1].radius_mm))
     middle_mm = scale * (circles[0].middle_mm + circles[1].middle_mm) / 2
     middle_mm -= [0.0, 0.0, known.thick_mm]
@@ -188,7 +201,7 @@ def in_scale(
     first, second = moved(views, scale)
     doubts = [moved(pair, scale) for pair in refined.doubts]
     doubts.append(moved(views, scale * (1 + sd)))
-    longer = 1 + focal_sd(first.camera)
+    longer = 1 + FOCAL_SDS[first.camera.source]
     if longer > 1:
         doubts.append((zoomed(first, longer), zoomed(second, longer)))
     return replace(refined, first=first, second=second, doubts=tuple(doubts))
@@ -196,7 +209,7 @@ def in_scale(
 
 @dataclass(frozen=True, slots=True)
 class _Circle:
-    """What an ellipse is on a level. middle_mm: (3,). log_odds: that it is a circle."""
+    """An ellipse cast onto a level. middle_mm: (3,). log_odds: that it is a circle."""
 
     middle_mm: Float64Array
     radius_mm: float

@@ -7,32 +7,30 @@ phone looks down: how phones are held decides there.
 
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import product
 
 import cv2
 import numpy as np
 
-from app.vision.board.round_object import Ellipse
+from app.vision.geometry.ellipse import Ellipse
 from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.known_object import KnownObject
 from app.vision.model import Float64Array, Photo, View
 from app.vision.views.features import undistort_to_rays
-from app.vision.views.single_view import SingleView
+from app.vision.views.single_view import LEAST_SD, SingleView, cube_at
 
 EDGE_SD_PX = 0.5  # of a half-axis
-SIZE_SD = 0.02  # of its diameter in the picture: its edge is round, and which line of it is seen depends on the light
-# Of focal lengths, relative: 35 mm equivalents are rounded, and crops are not told; main cameras of
-# phones lie between 23 and 31 mm where nothing is told.
-FOCAL_SDS: Mapping[str, float] = {"given": 0.0, "exif": 0.03, "board": 0.1}
+# of its diameter in the picture: its edge is round, and which line of it is seen depends on the light
+SIZE_SD = 0.02
+# Of focal lengths, relative, which a coin does not tell: 35 mm equivalents are rounded, and crops are
+# not told; where nothing is told, main cameras of phones lie evenly between 22 and 35 mm.
+FOCAL_SDS: Mapping[str, float] = {"given": 0.0, "exif": 0.03, "board": 0.13}
 # How phones are held, radians: the table's normal in the camera's frame lies in the plane of its
 # upright and its axis, and leans back by anything from a view from above to one from a chair;
 # nobody reaches over a meal to photograph it from beyond.
 ROLL_SD, TILT, TILT_SD, LEAN_SD = 0.1, 0.25, 0.4, 0.1
 ROLLS, TILTS, GRID = (-0.5, 0.5), (-0.5, 1.4), 121
-LEAST_SD = 0.02
-LEAST_VOLUME_SD = 0.006
-CUBE_MM = 60.0 * (np.array(list(product((0.0, 1.0), repeat=3))) - [0.5, 0.5, 0.0])  # (8, 3)
+LEAST_TILT_SD = 0.02
 
 
 def place_by_object(
@@ -49,26 +47,20 @@ def place_by_object(
         _over_table(flat, centre, _turned(normal, axis), known.thick_mm)
         for axis in (view.rotation[:, 0] * tilt_sd, view.rotation[:, 1] * roll_sd)
     ]
-    sd = focal_sd(camera)
+    sd = FOCAL_SDS[camera.source]
     return SingleView(view, (farther, *tilted, *([zoomed(view, 1 + sd)] if sd > 0 else ())))
-
-
-def normal_of(photo: Photo, camera: Camera, ellipse: Ellipse, known: KnownObject) -> Float64Array:
-    """Return the table's normal (3,) in the camera's frame, against gravity, that a coin's ellipse shows."""
-    view = place_by_object(photo, camera, ellipse, known).first
-    return np.asarray(view.rotation[:, 2], np.float64)
 
 
 def object_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
     own = _log_seen_volume(view.first, middle_mm)
     changes = [_log_seen_volume(doubt, middle_mm) - own for doubt in view.doubts]
-    return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_VOLUME_SD))
+    return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_SD))
 
 
 def _log_seen_volume(view: View, middle_mm: Float64Array) -> float:
     """Return the logarithm of the volume that the silhouette of a cube at (2,) x, y stands for, but for a constant."""
-    in_camera = (CUBE_MM + np.append(middle_mm, 0.0)) @ view.rotation.T + view.translation_mm
+    in_camera = cube_at(middle_mm) @ view.rotation.T + view.translation_mm
     seen = in_camera[:, :2] / in_camera[:, 2:] * view.camera.fx
     hull = cv2.convexHull(seen.astype(np.float32))
     return 1.5 * float(np.log(cv2.contourArea(hull)))
@@ -76,12 +68,7 @@ def _log_seen_volume(view: View, middle_mm: Float64Array) -> float:
 
 def size_sd(ellipse: Ellipse) -> float:
     """Return the relative sd of a coin's size in a photograph."""
-    return float(np.hypot(EDGE_SD_PX / ellipse.radius_px, SIZE_SD))
-
-
-def focal_sd(camera: Camera) -> float:
-    """Return the relative sd of a camera's focal length, which a coin does not tell."""
-    return FOCAL_SDS[camera.source]
+    return float(np.hypot(EDGE_SD_PX / ellipse.radius, SIZE_SD))
 
 
 def zoomed(view: View, longer: float) -> View:
@@ -130,7 +117,7 @@ def _as_held(
     x, y, depth = (values[depth > 0] for values in (x, y, depth))
     normals = np.column_stack([x, -y, -np.sqrt(depth)])
     apart = _doubled(normals @ across.T) - _doubled(across @ normal)
-    aspect_sd = 2 * EDGE_SD_PX / ellipse.radius_px
+    aspect_sd = 2 * EDGE_SD_PX / ellipse.radius
     log_odds = -0.5 * np.square(apart / aspect_sd).sum(axis=1)
     log_odds -= 0.5 * (x / ROLL_SD) ** 2 + 0.5 * ((y - np.sin(TILT)) / TILT_SD) ** 2
     log_odds -= 0.5 * (np.minimum(y, 0.0) / LEAN_SD) ** 2
@@ -138,7 +125,7 @@ def _as_held(
     odds /= odds.sum()
     mean = odds @ normals
     roll_sd, tilt_sd = np.sqrt(odds @ np.square(normals - mean))[:2]
-    return _unit(mean), (max(float(roll_sd), LEAST_SD), max(float(tilt_sd), LEAST_SD))
+    return _unit(mean), (max(float(roll_sd), LEAST_TILT_SD), max(float(tilt_sd), LEAST_TILT_SD))
 
 
 def _doubled(across: Float64Array) -> Float64Array:
@@ -157,7 +144,6 @@ def _turned(direction: Float64Array, by: Float64Array) -> Float64Array:
 
 def _over_table(view: View, centre: Float64Array, normal: Float64Array, thick_mm: float) -> View:
     """Return the view with the table `thick_mm` under a circle. centre, normal: (3,) in the camera's frame."""
-    right = np.array([1.0, 0.0, 0.0]) - normal[0] * normal
-    right /= np.linalg.norm(right)
+    right = _unit(np.array([1.0, 0.0, 0.0]) - normal[0] * normal)
     rotation = np.column_stack([right, np.cross(normal, right), normal])
     return replace(view, rotation=rotation, translation_mm=centre - thick_mm * normal)

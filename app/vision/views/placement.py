@@ -1,7 +1,7 @@
 """The beginning of a run: its views over the table in mm, from the source that gives the scene its scale.
 
-Photographs and options -> Placement. There are four sources, each with one function here: the marker, a calibrated rig,
-the poses of a phone's tracking, and the left photograph's depth map. fallbacks.py chooses between them.
+Photographs and options -> Placement. There are five sources, each with one function here: the marker, a calibrated rig,
+the poses of a phone's tracking, the left photograph's depth map, and a known object. fallbacks.py chooses between them.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -13,7 +13,7 @@ from app.core.errors import Failure
 from app.vision.board.camera import camera_from_exif, estimate_views
 from app.vision.board.colour_correction import UNCORRECTED, measure_colour
 from app.vision.board.marker import agree_on_corners, find_marker
-from app.vision.board.round_object import Ellipse, find_round_objects
+from app.vision.board.round_object import MaybeCoin, find_round_objects
 from app.vision.intrinsics import Camera, adapt_camera
 from app.vision.known_object import KnownObject
 from app.vision.known_poses import KnownPoses, rig_of_poses
@@ -32,7 +32,7 @@ from app.vision.views.depth_parallax import place_by_depth
 from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
-from app.vision.views.object_pair import ObjectRig, in_scale, rig_of_object
+from app.vision.views.object_pair import in_scale, rig_of_object
 from app.vision.views.object_view import object_volume_sd, place_by_object
 from app.vision.views.pose_doubt import volume_doubt
 from app.vision.views.reconstruction import Reconstruction, plane_points
@@ -243,11 +243,11 @@ def views_by_object(
             return left
     if pair.right is not None:
         placed = _pair_by_object(pair, known, left, options, trace)
-        if not isinstance(placed, Failure):
+        if placed is not None:
             return placed
         trace.forget_pair()
-    camera, ellipses = left
-    alone = place_by_object(pair.left, camera, ellipses[0], known)
+    camera, coins = left
+    alone = place_by_object(pair.left, camera, coins[0].ellipse, known)
     trace.keep_single(alone)
     return Placement(alone, "object")
 
@@ -255,56 +255,39 @@ def views_by_object(
 def _pair_by_object(
     pair: PhotoPair,
     known: KnownObject,
-    left: tuple[Camera, Sequence[Ellipse]],
+    left: tuple[Camera, Sequence[MaybeCoin]],
     options: EstimateOptions,
     trace: ViewsTrace,
-) -> Placement | Failure:
+) -> Placement | None:
     """Return both views by matches, in the coin's scale. left: what _find_objects found in the left photograph."""
     with trace.stage("marker"):
         right = _find_objects(pair.both[1], known, options, "right")
     if isinstance(right, Failure):
-        return right
+        return None
     with trace.stage("camera"):
-        found = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
-    if isinstance(found, Failure):
-        return found
-    placed: Placement | Failure = _by_coin(pair, found, found.rig, known, options, trace)
-    if isinstance(placed, Failure):  # a coin that is seen but small tells the table's tilt badly
-        placed = _by_coin(pair, found, replace(found.rig, up=None), known, options, trace)
-    return placed
-
-
-def _by_coin(
-    pair: PhotoPair,
-    found: ObjectRig,
-    rig: StereoRig,
-    known: KnownObject,
-    options: EstimateOptions,
-    trace: ViewsTrace,
-) -> Placement | Failure:
-    """Return the views of a rig over the table, in the scale of the coin that lies flat on it."""
-    placed = views_by_rig(pair, rig, options, trace)
-    if isinstance(placed, Failure) or trace.refined is None:
-        return placed
-    coins = found.coins
-    if trace.is_swapped:
-        coins = tuple((log_odds, right, left) for log_odds, left, right in coins)
-    refined = in_scale(trace.refined, coins, known)
-    if isinstance(refined, Failure):
-        return refined
-    trace.keep_views(refined)
-    return Placement(refined, "object")
+        made = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
+    if made is None:
+        return None
+    for rig in (made.rig, replace(made.rig, up=None)):  # a small coin tells the tilt badly
+        placed = views_by_rig(pair, rig, options, trace)
+        if isinstance(placed, Failure) or trace.refined is None:
+            continue
+        refined = in_scale(trace.refined, made.coins, known, is_swapped=trace.is_swapped)
+        if refined is not None:
+            trace.keep_views(refined)
+            return Placement(refined, "object")
+    return None
 
 
 def _find_objects(
     photo: Photo, known: KnownObject, options: EstimateOptions, side: str
-) -> tuple[Camera, Sequence[Ellipse]] | Failure:
+) -> tuple[Camera, Sequence[MaybeCoin]] | Failure:
     """Return a photograph's camera and what may be the coin in it, the likeliest first."""
     camera = _camera_of(photo, options)
     if isinstance(camera, Failure):
         return camera
-    ellipses = find_round_objects(photo, camera, known, side)
-    return ellipses if isinstance(ellipses, Failure) else (camera, ellipses)
+    coins = find_round_objects(photo, camera, known, side)
+    return coins if isinstance(coins, Failure) else (camera, coins)
 
 
 def _camera_of(photo: Photo, options: EstimateOptions) -> Camera | Failure:

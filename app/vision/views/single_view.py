@@ -54,14 +54,18 @@ def single_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
     if not view.doubts:
         return DEPTH_SCALE_SD
-    corners = np.array(
-        [[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
-    ) - [0.5, 0.5, 0.0]
-    cube = corners * CUBE_MM + [*middle_mm, 0.0]
-    pixels = project(view.first.camera, cube, _pose_vector(view.first))
+    pixels = project(view.first.camera, cube_at(middle_mm), _pose_vector(view.first))
     own = _log_volume(view.first, pixels)
     changes = [_log_volume(doubt, pixels) - own for doubt in view.doubts]
     return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_SD))
+
+
+def cube_at(middle_mm: Float64Array) -> Float64Array:
+    """Return the corners (8, 3) of a cube at (2,) x, y on the table, its foot first, each in order."""
+    corners = np.array(
+        [[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    ) - [0.5, 0.5, 0.0]
+    return np.asarray(corners * CUBE_MM + [*middle_mm, 0.0], np.float64)
 
 
 def _pose_vector(view: View) -> Float64Array:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from app.core.errors import InvalidInputError
-from app.vision.board.round_object import Ellipse, find_round_objects
+from app.vision.board.round_object import find_round_objects
+from app.vision.geometry.ellipse import Ellipse
 from app.vision.known_object import KnownObject, parse_scale
 from app.vision.marker_spec import MarkerSpec
 from app.vision.model import EstimateOptions, Hint, Photo, PhotoPair, View
@@ -90,11 +91,11 @@ def test_exact_ellipse_gives_distance_and_tilt():
 
 def test_coin_is_found_where_it_was_drawn(coins, views):
     for photo, view in zip(coins.both, views, strict=True):
-        ellipse = find_round_objects(photo, CAMERA, COIN, "left")[0]
+        ellipse = find_round_objects(photo, CAMERA, COIN, "left")[0].ellipse
         drawn = circle_px(view)
-        assert np.linalg.norm(ellipse.centre_px - drawn.mean(axis=0)) < 2.0
+        assert np.linalg.norm(ellipse.centre - drawn.mean(axis=0)) < 2.0
         area = cv2.contourArea(drawn.astype(np.float32))
-        assert ellipse.radius_px == pytest.approx(np.sqrt(area / np.pi), rel=0.04)
+        assert ellipse.radius == pytest.approx(np.sqrt(area / np.pi), rel=0.04)
 
 
 def ball_of(estimate):
