@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from app.core.errors import InvalidInputError
 from app.vision.marker_spec import MarkerSpec, parse_marker
 
-# Diameter and thickness, mm, as the mints give them.
+# Diameter and thickness, mm, of round coins that have been struck in one size only.
 COINS: Mapping[str, tuple[float, float]] = {
     "eur-0.01": (16.25, 1.67),
     "eur-0.02": (18.75, 1.67),
@@ -24,24 +24,12 @@ COINS: Mapping[str, tuple[float, float]] = {
     "usd-0.05": (21.21, 1.95),
     "usd-0.10": (17.91, 1.35),
     "usd-0.25": (24.26, 1.75),
-    "usd-1": (26.49, 2.0),
-    "gbp-0.01": (20.3, 1.65),
-    "gbp-0.10": (24.5, 1.85),
-    "gbp-1": (23.43, 2.8),
-    "gbp-2": (28.4, 2.5),
-    "cny-1": (25.0, 1.85),
-    "jpy-10": (23.5, 1.5),
-    "jpy-100": (22.6, 1.7),
-    "jpy-500": (26.5, 1.81),
-    "inr-5": (23.0, 1.9),
-    "brl-1": (27.0, 1.95),
 }
 USUAL_THICKNESS_MM = 1.9  # of a coin that is told by its diameter alone
 DIAMETER_MM = (14.0, 45.0)
 TEXT = re.compile(
     r"coin:(?P<name>[a-z]{3}-\d+(?:\.\d+)?)|coin:(?P<mm>\d{2}(?:\.\d{1,3})?)", re.ASCII
 )
-KINDS = ("coin:",)
 FORMS = ("coin:CURRENCY-VALUE", "coin:MM")
 
 
@@ -59,7 +47,7 @@ class KnownObject:
 
 def parse_scale(text: str) -> MarkerSpec | KnownObject:
     """Return the board or the known object that a text announces. Raises InvalidInputError, code "marker_invalid"."""
-    return parse_known_object(text) if text.startswith(KINDS) else parse_marker(text)
+    return parse_known_object(text) if text.startswith("coin:") else parse_marker(text)
 
 
 def parse_known_object(text: str) -> KnownObject:
