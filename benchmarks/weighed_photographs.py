@@ -171,11 +171,11 @@ def main() -> None:
     specimens = [
         each for each in photographed(folder, options.half) if options.only in (None, each.label)
     ]
-    told = [
+    usual_forms = [
         forms.get(TABLE_FOODS.get(each.label, "")) if options.told else None for each in specimens
     ]
     with ProcessPoolExecutor(options.jobs) as processes:
-        rows = list(processes.map(measure, specimens, told))
+        rows = list(processes.map(measure, specimens, usual_forms))
     print(*lines(rows), sep="\n")
 
 

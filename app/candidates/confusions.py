@@ -1,4 +1,4 @@
-"""What a food that is taught would be confused with: each of its examples, named by all others.
+"""Confusions of a food that is taught: each of its examples, named by all others.
 
 A task of the limited child: stored vectors in -> ranked foods out.
 """
@@ -19,7 +19,7 @@ BY_LOOKS = Circumstances(looks_alone=True)
 
 
 class _RankRequest(BaseModel):
-    """What to rank by what.
+    """Pieces to rank, and what by.
 
     index: its file; None: the shipped one
     pieces: to rank

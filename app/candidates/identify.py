@@ -5,7 +5,8 @@ that saving the answer is reproducible. A failure never fails the meal: the item
 candidates. If the database is unavailable, the job is retried.
 
 The index is extended by each study's confirmed items, which are read once and then as they change.
-Whatever is confirmed, undone, rejected, erased or taught counts from the next meal on. A run whose marker
+Whatever is confirmed, undone, rejected, erased or taught counts from the next meal on. A run whose
+marker
 was probably declared at a wrong size, judged by what stands around it, is flagged.
 """
 
@@ -211,7 +212,7 @@ class LearnedIndex:
 
     @contextmanager
     def identifier_for(self, meal: Meal) -> Iterator[Identifier]:
-        """Yield the index with the confirmed items of all studies that the meal's learns from, but its own."""
+        """Yield the index with what the meal's study and sharing ones learned, but of other meals."""
         with self._lock:
             with self._database.read() as session:
                 used = {

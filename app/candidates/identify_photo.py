@@ -57,7 +57,7 @@ class IdentifiedPlace:
 
 @dataclass(frozen=True, slots=True)
 class IdentifiedPhoto:
-    """What a photograph shows.
+    """Foods that a photograph shows.
 
     place: the surest
     others: where other foods surely are
@@ -102,7 +102,8 @@ def identify_photo(
 def identify_unpointed(pixels: ImageArray, identifier: Identifier) -> list[IdentifiedPlace]:
     """Identify the food that fills a photograph, (H, W, 3), or else those in places of like colour.
 
-    The surest comes first. Of the places apart from the first only those are returned where a food surely is.
+    The surest comes first. Of the places apart from the first only those are returned where a food
+    surely is.
     """
     height, width = pixels.shape[:2]
     whole = _identify(regions_of_whole(pixels), identifier)

@@ -155,7 +155,7 @@ class Examples:
         return self._vectors[rows], self._facts["food"][rows]
 
     def tally(self) -> Vectors:
-        """(4, foods): pieces of each food, those with a volume, and the sums of log volumes and of their squares."""
+        """(4, foods): pieces, those with a volume, sums of log volumes and of their squares."""
         count = len(self._numbered.foods)
         if self._tally is None or self._tally.shape[1] < count:
             foods, logs = self.facts["food"], self.facts["log_ml"]

@@ -207,7 +207,7 @@ class EstimateOptions:
 
     @property
     def marker_text(self) -> str | None:
-        """What was announced as marker: a board or a known object."""
+        """Return the board or the known object that was announced, as text."""
         announced = self.marker or self.known
         return None if announced is None else str(announced)
 

@@ -39,7 +39,7 @@ Teaching = Annotated[FoodTeaching, Depends(food_teaching)]
 
 @router.get(PATH)
 def get_teaching(page: CurrentPage, teaching: Teaching, items: ItemsIn) -> Response:
-    """What teaches the food. items: chosen to teach it, too."""
+    """Return the page of what teaches the food. items: chosen to teach it, too."""
     return _render(page, teaching, items)
 
 

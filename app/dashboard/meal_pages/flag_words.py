@@ -23,10 +23,10 @@ FLAGS: Mapping[str, str] = {
     "scale_from_poses": "The marker was not seen in both photographs: the poses that the phone's tracking gave are the "
     "scale, good to a few percent, and the table was found in the scene. Unless the left photograph shows a marker, "
     "colours are as taken.",
-    "scale_from_object": "A coin beside the plate gave the scale, which is less exact than a board: volumes are "
-    "good to a tenth or two. Colours are as taken.",
-    "camera_unknown": "The photographs do not say with which focal length they were taken, and a coin cannot tell it. "
-    "Ask for photographs with their EXIF data, or calibrate the phone.",
+    "scale_from_object": "A coin beside the plate gave the scale, which is less exact than a board: "
+    "volumes are good to a tenth or two. Colours are as taken.",
+    "camera_unknown": "The photographs do not say with which focal length they were taken, and a "
+    "coin cannot tell it. Ask for photographs with their EXIF data, or calibrate the phone.",
     "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
     "from what its form usually is. Check the food and its form.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "

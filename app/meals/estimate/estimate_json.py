@@ -83,7 +83,7 @@ def options_from_json(value: Mapping[str, Any]) -> EstimateOptions:
 
 
 def scale_by(marker: str | None) -> EstimateOptions:
-    """Return options with the board or the known object that a text announces. Raises InvalidInputError."""
+    """Return options with the board or coin that a text announces. Raises InvalidInputError."""
     scale = parse_scale(marker) if marker is not None else None
     if isinstance(scale, KnownObject):
         return EstimateOptions(None, known=scale)

@@ -30,8 +30,8 @@ class VcmAnswer(_Answer):
     vector: Base64Bytes
 
 
-# What is so likely is assigned without asking. A wrong food must not enter sums unnoticed: of those that the index
-# does not know, 3 in 100 reach this.
+# What is so likely is assigned without asking. A wrong food must not enter sums unnoticed: of those
+# that the index does not know, 3 in 100 reach this.
 SURE_FROM, GROUP_SURE_FROM = 0.85, 0.9
 # of a food that is assigned: of dishes known by two specimens, a quarter of such were others
 FEWEST_SPECIMENS = 3

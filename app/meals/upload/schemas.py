@@ -128,7 +128,8 @@ class CheckMetadataIn(BaseModel):
     marker: Text | None = Field(
         default=None,
         max_length=64,
-        description="The board, such as plain:9x7:11, or a coin, such as coin:eur-1; default: the study's.",
+        description="The board, such as plain:9x7:11, or a coin, such as coin:eur-1; default: "
+        "the study's.",
     )
     camera: CameraIn | None = Field(
         default=None, description="Default: as for a meal of this phone."
