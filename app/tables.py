@@ -4,6 +4,7 @@ import app.db.spent_keys
 import app.exports.models
 import app.exports.release_models
 import app.foods.models
+import app.foods.packaged.models
 import app.foods.search.models
 import app.meals.stored.event_models
 import app.meals.stored.identification_models

@@ -102,7 +102,9 @@ def foods_show(
 
 @foods_cli.command("import")
 def foods_import(
-    source: Annotated[str, typer.Argument(metavar="FORMAT", help="sr28, fdc, fao-density or csv.")],
+    source: Annotated[
+        str, typer.Argument(metavar="FORMAT", help="sr28, fdc, fao-density, csv or off.")
+    ],
     path: Annotated[Path, typer.Argument(help="The release: a zip, a folder or a file.")],
     name: Annotated[str | None, typer.Option(help="csv: the table's name, such as bls.")] = None,
     version: Annotated[str | None, typer.Option(help="csv: the table's version.")] = None,
@@ -112,26 +114,31 @@ def foods_import(
 ) -> None:
     """Import a published food table: validate it, write it, put it in force.
 
-    Importing it again changes nothing.
+    Importing it again changes nothing. off: Open Food Facts' dump, packaged foods by barcode.
     """
     from app.foods.food_releases import read_food_release
     from app.foods.import_foods import import_foods
-
-    print(f"reading {path} ...", file=sys.stderr, flush=True)
-    imported = read_food_release(
-        source,
-        path,
-        name=name,
-        version=version,
-        released_on=released_on.date() if released_on else None,
-    )
 
     def report_progress(written: int, total: int) -> None:
         ending = "\n" if written == total else "\r"
         print(f"  {written} of {total} foods written", end=ending, file=sys.stderr, flush=True)
 
-    with opened_database() as database:
-        report = import_foods(database, imported, author=author(), on_progress=report_progress)
+    print(f"reading {path} ...", file=sys.stderr, flush=True)
+    if source == "off":
+        from app.foods.packaged.import_packaged import import_packaged
+
+        with opened_database() as database:
+            imported, report = import_packaged(database, path, author(), report_progress)
+    else:
+        imported = read_food_release(
+            source,
+            path,
+            name=name,
+            version=version,
+            released_on=released_on.date() if released_on else None,
+        )
+        with opened_database() as database:
+            report = import_foods(database, imported, author(), report_progress)
     outcome = "was there already: nothing changed" if report.was_there else "imported and in force"
     table = imported.table
     print(

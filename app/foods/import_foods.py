@@ -7,15 +7,17 @@ that was never in force is not visible. Importing files that are in force alread
 
 import time
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
+from functools import partial
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from app.core.errors import ConflictError
+from app.db.base import Base
 from app.db.bulk import insert_rows, refresh_statistics
 from app.db.session import Database
 from app.foods import queries as foods
@@ -57,6 +59,8 @@ class ImportReport:
 
 
 Progress = Callable[[int, int], None]  # foods written, foods in all
+Batch = Callable[[Session], object]
+FOOD_TABLES = (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting)
 
 
 def import_foods(
@@ -67,6 +71,34 @@ def import_foods(
     Raises ConflictError while another process imports the same files.
     """
     table = imported.table
+
+    def batches(release: FoodRelease, done: int) -> Iterator[Batch]:
+        ids = component_ids(database, imported)
+        for start in range(done, len(table.foods), BATCH_FOODS):
+            batch = table.foods[start : start + BATCH_FOODS]
+            yield partial(write_foods, release=release, values=batch, component_ids=ids)
+            if on_progress is not None:
+                on_progress(start + len(batch), len(table.foods))
+
+    was_there = run_import(database, imported, author, batches, FOOD_TABLES)
+    return ImportReport(
+        len(table.foods), sum(len(food.per_100_g) for food in table.foods), was_there
+    )
+
+
+def run_import(
+    database: Database,
+    imported: ImportedTable,
+    author: str,
+    batches: Callable[[FoodRelease, int], Iterable[Batch]],
+    tables: Sequence[type[Base]],
+) -> bool:
+    """Write a release in short transactions and put it in force; return whether it was there before.
+
+    batches: from the release and the number of its foods that are written, what each transaction
+    writes. tables: those that it fills. Raises ConflictError while another process imports the same
+    files.
+    """
     importer_id = uuid.uuid4()
     try:
         with database.write() as session:
@@ -76,15 +108,11 @@ def import_foods(
     was_there = release.completed_at is not None
     if not was_there:
         try:
-            component_ids = _component_ids(database, imported)
-            for start in range(done, len(table.foods), BATCH_FOODS):
-                batch = table.foods[start : start + BATCH_FOODS]
+            for write in batches(release, done):
                 began = time.monotonic()
                 with database.write() as session:
                     _claim(session, release.id, importer_id)
-                    _write_foods(session, release, batch, component_ids)
-                if on_progress is not None:
-                    on_progress(start + len(batch), len(table.foods))
+                    write(session)
                 if database.is_sqlite:
                     time.sleep(PAUSE_SHARE * (time.monotonic() - began))
         except BaseException:  # Ctrl-C too: the next importer need not wait
@@ -93,12 +121,8 @@ def import_foods(
     with database.write() as session:
         _put_in_force(session, session.get_one(FoodRelease, release.id), author)
         if not was_there:
-            refresh_statistics(
-                session, (Food, FoodNutrient, FoodDensity, FoodPortion, FoodCode, FoodPosting)
-            )
-    return ImportReport(
-        len(table.foods), sum(len(food.per_100_g) for food in table.foods), was_there
-    )
+            refresh_statistics(session, tables)
+    return was_there
 
 
 def load_starter(database: Database) -> None:
@@ -115,12 +139,12 @@ def load_starter(database: Database) -> None:
     )
     imported = ImportedTable("starter", table, components, Skipped())
     try:
-        component_ids = _component_ids(database, imported)
+        ids = component_ids(database, imported)
         with database.write() as session:
             if foods.release_by_checksum(session, table.checksum) is not None:
                 return
             release, _ = _begin(session, imported, None)
-            _write_foods(session, release, table.foods, component_ids)
+            write_foods(session, release, table.foods, ids)
             _put_in_force(session, release, "tada")
     except IntegrityError:
         if not is_starter_there(database):
@@ -140,7 +164,7 @@ def write_food(
     ids = {
         number: component.id for number, component in foods.components_by_number(session).items()
     }
-    return _write_foods(session, release, [value], ids, version=version)[0]
+    return write_foods(session, release, [value], ids, version=version)[0]
 
 
 def _begin(
@@ -218,7 +242,7 @@ def _put_in_force(session: Session, release: FoodRelease, author: str) -> None:
         )
 
 
-def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int]:
+def component_ids(database: Database, imported: ImportedTable) -> dict[str, int]:
     """Return number -> id of all components, after adding those of the table that are missing.
 
     Two imports may add the same component at once: the second one retries and finds it.
@@ -244,7 +268,7 @@ def _component_ids(database: Database, imported: ImportedTable) -> dict[str, int
     raise AssertionError
 
 
-def _write_foods(
+def write_foods(
     session: Session,
     release: FoodRelease,
     values: Sequence[FoodValue],
@@ -252,6 +276,7 @@ def _write_foods(
     *,
     version: int = 1,
 ) -> list[Food]:
+    """Insert foods of a release with what belongs to them; their components must exist."""
     rows = [_food_row(release.id, value, version) for value in values]
     pairs = list(zip(rows, values, strict=True))
     session.add_all(rows)

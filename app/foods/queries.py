@@ -29,9 +29,10 @@ F = TypeVar("F", int, int | None)
 
 LOCAL = "local"
 DENSITIES_ONLY = "fao-density"
+OPEN_FOOD_FACTS = "off"
 # one code, one food; a FoodEx2 code is a class of foods
 SAME_FOOD_SYSTEMS = ("sr28_ndb", "fdc_id", "fndds")
-_PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", DENSITIES_ONLY)
+_PRECEDENCE = (LOCAL, "csv", "starter", "fdc", "sr28", OPEN_FOOD_FACTS, DENSITIES_ONLY)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""Packaged foods by barcode: Open Food Facts' dump in a table of its own, and those that were eaten as foods."""
