@@ -48,6 +48,7 @@ from app.jobs.queue import JobQueue
 from app.meals.stored.receive_photo import PhotoIntake
 from app.meals.upload import api as upload
 from app.meals.upload import checks_api as checks
+from app.meals.upload import packaged_api as packaged_foods
 from app.meals.upload import partial_uploads_api as partial_uploads
 from app.meals.upload import read_api as meals
 from app.meals.upload import server_api as server
@@ -209,6 +210,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         diary,
         foods,
         food_edits,
+        packaged_foods,
         reference_intakes,
         staff,
         studies,

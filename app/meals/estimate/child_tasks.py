@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from app.candidates.confusions import rank_task
 from app.children.child import Task
+from app.meals.estimate.barcode_task import barcode_task
 from app.meals.estimate.calibrate import calibrate_task
 from app.meals.estimate.photo_tasks import check_task, classify_task, describe_task, picture_task
 from app.meals.estimate.receive_task import inspect_task, receive_task
@@ -22,4 +23,5 @@ TASKS: Mapping[str, Task] = {
     "describe": describe_task,
     "classify": classify_task,
     "rank": rank_task,
+    "barcode": barcode_task,
 }

@@ -30,6 +30,7 @@ FEATURES = (  # docs/apps.md describes each; app.state.features has those of ext
     "events",
     "feedback",
     "hints_are_additions",
+    "packaged_foods",
     "parts",
     "poses",
     "questions",

@@ -17,6 +17,7 @@ from app.core.errors import ConflictError, InvalidInputError, NotFoundError
 from app.db.base import Base
 from app.foods import queries as foods
 from app.foods.models import Food
+from app.foods.packaged.packaged_foods import adopt
 from app.meals.stored import queries as meals
 from app.meals.stored.event_models import Layer
 from app.meals.stored.event_values import Region
@@ -206,11 +207,11 @@ def drawn_rings(region: RegionIn | PartIn) -> list[Ring]:
 
 
 def named_food(session: Session, key: str) -> Food:
-    """Return the food with this key in the tables in force.
+    """Return the food with this key in the tables in force; a packaged food becomes one.
 
     Raises InvalidInputError (`food_unknown`).
     """
-    food = foods.foods_by_key(session, {key}).get(key)
+    food = foods.foods_by_key(session, {key}).get(key) or adopt(session, key)
     if food is None:
         raise InvalidInputError(
             "No food table in force has a food with this key: GET /v1/foods lists those that exist.",
