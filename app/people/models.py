@@ -133,7 +133,7 @@ class Participant(Base):
 
     alias: the participant's name in the audit log; only this row connects it to a person.
     starts_on: local day that is the participant's study day 1; NULL: the day of the first meal.
-    profile: NULL if nothing is known.
+    profile: NULL if nothing is known. favourites: named lists of foods and amounts, as FavouriteIn.
     """
 
     __tablename__ = "participant"
@@ -144,6 +144,7 @@ class Participant(Base):
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     starts_on: Mapped[date | None]
     profile: Mapped[Profile | None] = mapped_column(JsonValue)
+    favourites: Mapped[list[dict[str, object]] | None] = mapped_column(JsonValue)
     withdrawn_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 

@@ -40,6 +40,7 @@ FLAGS: Mapping[str, str] = {
     "support_not_measured": "The surface under the food was not seen: on a raised plate it comes out too large.",
     "clock_doubtful": "By the phone's clock it arrived long after it was photographed, or before: the clock may "
     "have been wrong, and the day with it. Ask the participant.",
+    "copied": "The participant took food and amount from a former meal or a favourite.",
     # of a photograph
     "reencoded": "Its file was malformed, so that its location could only be taken out by writing its picture anew. "
     "Focal length, time and orientation were kept, other metadata were not.",

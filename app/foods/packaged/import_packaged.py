@@ -28,13 +28,14 @@ from app.foods.import_foods import (
 )
 from app.foods.importers.source_files import ImportedTable, ImportFileError, Skipped
 from app.foods.models import FoodRelease
-from app.foods.packaged.models import LABEL_COMPONENTS, PackagedFood
+from app.foods.packaged.models import PackagedFood
 from app.foods.packaged.packaged_foods import adopt_again
 from app.foods.queries import OPEN_FOOD_FACTS
 from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.nutrition.foods import FoodTable
 
 NAME = "open-food-facts"
+LABEL_COMPONENTS = ("208", "203", "204", "606", "205", "CHOAVL", "269", "291", "307")
 BATCH_ROWS = 4000
 # memory_limit: of DuckDB, which sorts the rest on disk; Python takes as much again
 LIMITS: dict[str, str | bool | int | float | list[str]] = {
@@ -103,7 +104,7 @@ def _read_dump(connection: duckdb.DuckDBPyConnection, path: Path) -> tuple[Impor
         )
     day = datetime.fromtimestamp(modified_at, UTC).date()
     table = FoodTable(NAME, day.isoformat(), day, checksum, ())
-    components = tuple(COMPONENT_BY_NUMBER[number] for number in LABEL_COMPONENTS.values())
+    components = tuple(COMPONENT_BY_NUMBER[number] for number in LABEL_COMPONENTS)
     return ImportedTable(OPEN_FOOD_FACTS, table, components, skipped), foods, values
 
 

@@ -1,5 +1,7 @@
 """Look up a packaged food by its barcode, and make it a food when it is eaten."""
 
+import json
+import re
 from dataclasses import dataclass
 
 import sqlalchemy as sa
@@ -10,7 +12,7 @@ from app.db.session import Database
 from app.foods import queries as foods
 from app.foods.import_foods import write_foods
 from app.foods.models import Food, FoodRelease
-from app.foods.packaged.models import LABEL_COMPONENTS, PackagedFood
+from app.foods.packaged.models import PackagedFood
 from app.foods.queries import OPEN_FOOD_FACTS
 from app.nutrition.foods import Density
 from app.nutrition.foods import Food as FoodValue
@@ -18,8 +20,8 @@ from app.nutrition.portions import Portion
 from app.nutrition.usual_form import usual_form
 
 GROUP = "Packaged foods"
-PACK, SERVING = "pack", "serving"
-DIGITS = (8, 12, 13, 14)
+BARCODE = re.compile(r"[0-9]{8}|[0-9]{12,14}")
+KEY = re.compile(r"off:([0-9]{13}|[1-9][0-9]{13})")
 # a label per 100 ml says nothing of grams: millilitres are right, grams within some 5 %
 AS_MILLILITRES = Density(1.0, 0.05, "as_eaten", "solid", "related", "label per 100 ml: 1 ml as 1 g")
 
@@ -35,12 +37,8 @@ class PackagedView:
 
 def gtin(digits: str) -> int:
     """Return a barcode's number: leading zeros do not count. Raises InvalidInputError."""
-    weighted = (
-        [int(digit) * (1 + 2 * (place % 2)) for place, digit in enumerate(reversed(digits))]
-        if digits.isascii() and digits.isdigit()
-        else []
-    )
-    if len(digits) not in DIGITS or not weighted or sum(weighted) % 10:
+    weighted = (int(digit) * (1 + 2 * (place % 2)) for place, digit in enumerate(reversed(digits)))
+    if BARCODE.fullmatch(digits) is None or sum(weighted) % 10:
         raise InvalidInputError(
             "This is no barcode of a food: its 8, 12, 13 or 14 digits end in a check digit, which differs.",
             code="barcode_invalid",
@@ -67,20 +65,21 @@ def read_packaged(database: Database, digits: str) -> PackagedView:
 
 def adopt(session: Session, key: str) -> Food | None:
     """Make the packaged food with this key a food of its release; None if there is none."""
-    source, _, digits = key.partition(":")
-    is_key = source == OPEN_FOOD_FACTS and digits.isascii() and digits.isdigit()
-    view = _view(session, int(digits)) if is_key and len(digits) in DIGITS else None
-    if view is None or view.food.key != key:
-        return None
-    return _write(session, view.release, [view.row])[0]
+    match = KEY.fullmatch(key)
+    view = _view(session, int(match[1])) if match is not None else None
+    return _write(session, view.release, [view.row])[0] if view is not None else None
 
 
 def adopt_again(session: Session, release: FoodRelease) -> None:
     """Take those that were eaten before from a new release as well, so that its figures are at hand."""
-    eaten = sa.select(Food.key).join(FoodRelease, FoodRelease.id == Food.release_id)
-    keys = set(session.scalars(eaten.where(FoodRelease.source == OPEN_FOOD_FACTS)))
-    keys -= set(session.scalars(eaten.where(Food.release_id == release.id)))
-    codes = [int(key.partition(":")[2]) for key in keys]
+    eaten = (
+        sa.select(Food.key)
+        .join(FoodRelease, FoodRelease.id == Food.release_id)
+        .where(FoodRelease.source == OPEN_FOOD_FACTS)
+        .group_by(Food.key)
+        .having(sa.func.max(Food.release_id) < release.id)
+    )
+    codes = [int(key.partition(":")[2]) for key in session.scalars(eaten)]
     rows = sa.select(PackagedFood).where(
         PackagedFood.release_id == release.id, PackagedFood.code.in_(codes)
     )
@@ -102,18 +101,16 @@ def _write(session: Session, release: FoodRelease, rows: list[PackagedFood]) -> 
 
 def _food(row: PackagedFood) -> FoodValue:
     digits = f"{row.code:013d}"
-    sizes = ((PACK, row.pack_g), (SERVING, row.serving_g))
+    sizes = (("pack", row.pack_g), ("serving", row.serving_g))
     portions = [(measure, size_g) for measure, size_g in sizes if size_g is not None]
-    contents = {number: getattr(row, name) for name, number in LABEL_COMPONENTS.items()}
+    contents: dict[str, float | None] = json.loads(row.per_100_g)
     return FoodValue(
         key=f"{OPEN_FOOD_FACTS}:{digits}",
-        name=f"{row.name}, {row.brands}"[:300] if row.brands else row.name,
-        aliases=(),
+        name=row.name,
         food_group=GROUP,
         form="liquid" if row.is_liquid else usual_form(row.name, GROUP),
         densities=(AS_MILLILITRES,) if row.is_liquid else (),
         per_100_g={number: value for number, value in contents.items() if value is not None},
-        refuse=(),
         source_ids={"gtin": digits},
         portions=tuple(
             Portion(str(number), 1.0, measure, size_g)

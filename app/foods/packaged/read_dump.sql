@@ -76,8 +76,8 @@ labels AS (
             ) % 10 = 0
                 THEN nullif(code::BIGINT, 0)
         END AS gtin,
-        left(line(product_name), 300) AS name,
-        left(line(brands), 200) AS brands,
+        line(product_name) AS name,
+        line(brands) AS brands,
         is_liquid,
         CASE WHEN size_g BETWEEN 1 AND 50000 THEN size_g END AS pack_g,
         serving_g,
@@ -127,21 +127,24 @@ energies AS (
 SELECT
     code,
     gtin,
-    name,
-    brands,
+    left(concat_ws(', ', name, brands), 300) AS name,
     is_liquid,
     pack_g,
     serving_g,
-    round(energy_kcal, 1) AS energy_kcal,
-    protein AS protein_g,
-    fat AS fat_g,
-    saturated AS saturated_fat_g,
-    CASE WHEN is_american THEN carbohydrate WHEN NOT is_american_too THEN carbohydrate + fibre END AS carbohydrate_g,
-    CASE WHEN NOT is_american_too THEN carbohydrate WHEN is_american AND carbohydrate >= fibre THEN carbohydrate - fibre
-    END AS available_carbohydrate_g,
-    sugar AS sugar_g,
-    fibre AS fibre_g,
-    round(sodium_g * 1000, 1) AS sodium_mg,
+    {
+        '208': round(energy_kcal, 1),
+        '203': protein,
+        '204': fat,
+        '606': saturated,
+        '205': CASE WHEN is_american THEN carbohydrate WHEN NOT is_american_too THEN carbohydrate + fibre END,
+        'CHOAVL': CASE
+            WHEN NOT is_american_too THEN carbohydrate
+            WHEN is_american AND carbohydrate >= fibre THEN carbohydrate - fibre
+        END,
+        '269': sugar,
+        '291': fibre,
+        '307': round(sodium_g * 1000, 1)
+    } AS per_100_g,
     modified_at,
     CASE
         WHEN gtin IS NULL THEN 'whose code is no GTIN'
@@ -167,7 +170,7 @@ SELECT
 FROM energies;
 
 CREATE TABLE sound AS
-SELECT * EXCLUDE (code, gtin, reason, modified_at), gtin AS code FROM checked
+SELECT gtin AS code, name, is_liquid, pack_g, serving_g, to_json(per_100_g)::VARCHAR AS per_100_g FROM checked
 WHERE reason IS NULL
 QUALIFY row_number() OVER (PARTITION BY gtin ORDER BY modified_at DESC) = 1;
 
@@ -183,7 +186,6 @@ HAVING count(*) > count(DISTINCT gtin);
 CREATE VIEW figures AS
 SELECT
     count(*) AS rows,
-    count(energy_kcal) + count(protein_g) + count(fat_g) + count(saturated_fat_g) + count(carbohydrate_g)
-    + count(available_carbohydrate_g) + count(sugar_g) + count(fibre_g) + count(sodium_mg) AS contents,
+    (9 * count(*) - sum(len(regexp_extract_all(per_100_g, 'null'))))::BIGINT AS contents,
     (SELECT max(modified_at) FROM checked WHERE reason IS NULL) AS modified_at
 FROM sound;

@@ -45,6 +45,7 @@ UNDONE = "undone"
 OF_REJECTED = "of_rejected"
 # dishes and foods around are of unusual sizes by the marker's declared size
 SCALE_DOUBTFUL = "scale_doubtful"
+COPIED = "copied"  # an entry with food and amount of a former meal or a favourite
 # nobody eats so much of a food, or the photographs show far more or less
 IMPLAUSIBLE_AMOUNT = "implausible_amount"
 FOOD_IDENTIFIED = "food_identified"  # only the server has identified it
@@ -475,7 +476,7 @@ def _measured(
             continue
         if measured.volume_ml is None or stated.precedence > measured_at:
             is_newest = not drawn or stated.precedence >= drawn[0].precedence
-            kept = [flag for flag in flags if flag == REMEASURING] if is_newest else flags
+            kept = [flag for flag in flags if flag in (REMEASURING, COPIED)] if is_newest else flags
             return _Measured(
                 _amount_from(amount, stated, measured),
                 rings,

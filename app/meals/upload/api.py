@@ -29,10 +29,13 @@ from app.http.upload import (
 from app.meals.upload.after_meal import SubmitAfterPair
 from app.meals.upload.declare_meal import DeclareMeal
 from app.meals.upload.meal_draft import MealDraft, draft_meal
-from app.meals.upload.schemas import AfterMetadataIn, DeclaredMealIn
+from app.meals.upload.schemas import AfterMetadataIn, DeclaredMealIn, FavouriteList
 from app.meals.upload.submit_meal import SubmitMeal
+from app.people.access import audit
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentDevice, State
+from app.people.devices import read_phone
+from app.people.participants import require_in_study
 from app.photos.slots import AFTER_SLOTS, DEPTH_SLOTS, PAIR_SLOTS, VIEW_SLOTS, VOICE_NOTE
 from app.photos.voice_note import MAX_NOTE_BYTES
 from app.records.meal_schemas import MealMetadataIn, MealOut, NewMealMetadataIn
@@ -210,6 +213,25 @@ def post_declared_meal(body: DeclaredMealIn, state: State, caller: CurrentDevice
     is_new = state.part(DeclareMeal).declare(caller, body)
     view = read_meal(state.database, caller, body.id)
     return tagged_meal(view, 201 if is_new else 200, is_located=True)
+
+
+@router.get("/v1/me/favourites", responses=problem_responses(401, 403, 410), tags=["review"])
+def get_favourites(state: State, caller: CurrentDevice) -> FavouriteList:
+    """The participant's favourites: foods and amounts under a name."""
+    _, participant, _, _ = read_phone(state.database, caller)
+    return FavouriteList.model_validate({"items": participant.favourites or []})
+
+
+@router.put(
+    "/v1/me/favourites", responses=problem_responses(401, 403, 410, 413, 422), tags=["review"]
+)
+def put_favourites(body: FavouriteList, state: State, caller: CurrentDevice) -> FavouriteList:
+    """Replace all favourites of the participant."""
+    with state.database.write() as session:
+        participant = require_in_study(session, caller.participant_id)
+        participant.favourites = body.model_dump(mode="json")["items"]
+        audit.note(session, caller, "favourites.set", items=len(body.items))
+    return body
 
 
 def photo_limit(state: ApiState, slot: str) -> int:

@@ -12,9 +12,10 @@ from sqlalchemy.orm import Session
 
 from app.db.session import Database
 from app.meals.stored import queries as meals
-from app.meals.stored.item_state import fold_meal
+from app.meals.stored.item_state import COPIED, fold_meal
 from app.meals.stored.meal_parts import MealParts
 from app.meals.stored.models import Meal
+from app.meals.stored.record_models import Item
 from app.meals.upload.meal_draft import MealDraft, draft_declared, require_same
 from app.meals.upload.schemas import DeclaredItemIn, DeclaredMealIn
 from app.people import queries as people
@@ -87,4 +88,6 @@ def _add_items(
         )
         change = add(context, event, "declared", DECLARED_SD)
         insert_event(session, caller, meal, event, change, sequence=number, now=meal.received_at)
-        parts.items.append(change.rows[0])  # type: ignore[arg-type]  # the item goes first
+        entered: Item = change.rows[0]  # type: ignore[assignment]  # the item goes first
+        entered.flags = [COPIED] if item.copied else []
+        parts.items.append(entered)

@@ -82,6 +82,31 @@ class DeclaredItemIn(BaseModel):
     share: Share = Field(
         default=1.0, description="The participant's share of it, above 0 to 1; 1: all of it."
     )
+    copied: bool = Field(
+        default=False,
+        description="Food and amount were taken from a former meal or a favourite: flag `copied`.",
+    )
+
+
+class FavouriteIn(BaseModel):
+    """Foods and amounts under a name, to be entered again."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    name: Text = Field(min_length=1, max_length=100, description="The participant's name for it.")
+    items: list[DeclaredItemIn] = Field(
+        min_length=1,
+        max_length=50,
+        description="Its foods, as a meal without photographs has them.",
+    )
+
+
+class FavouriteList(BaseModel):
+    """A participant's favourites, in their own order."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    items: list[FavouriteIn] = Field(max_length=100, description="The favourites.")
 
 
 class DeclaredMealIn(BaseModel):

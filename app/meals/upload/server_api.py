@@ -28,6 +28,7 @@ FEATURES = (  # docs/apps.md describes each; app.state.features has those of ext
     "depth_maps",
     "diary",
     "events",
+    "favourites",
     "feedback",
     "hints_are_additions",
     "packaged_foods",

@@ -171,6 +171,8 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/studies/{study}/review-queue": REVIEWER,
     "GET /v1/me/questions": DEVICE,
     "POST /v1/declared-meals": DEVICE,
+    "GET /v1/me/favourites": DEVICE,
+    "PUT /v1/me/favourites": DEVICE,
     # webhooks
     "GET /v1/studies/{study}/webhooks": OWNER,
     "POST /v1/studies/{study}/webhooks": OWNER,

@@ -403,6 +403,53 @@ export class TadaClient {
   }
 
   /**
+   * A packaged food by the digits of its barcode. Throws Problem `barcode_invalid`, `barcode_unknown`.
+   *
+   * @param {string} barcode
+   * @param {CallOptions} [options]
+   * @returns {Promise<Schemas["PackagedFoodOut"]>}
+   */
+  getPackagedFood(barcode, options) {
+    return this.#json("GET", `/v1/packaged-foods/${segment(barcode)}`, options);
+  }
+
+  /**
+   * The packaged food of the one barcode in a photograph, which the platform reads if it can, or else the server. Throws
+   * Problem as `getPackagedFood`, and `barcode_not_found`, `barcodes_several`.
+   *
+   * @param {Blob} photograph
+   * @param {CallOptions} [options]
+   * @returns {Promise<Schemas["PackagedFoodOut"]>}
+   */
+  async findPackagedFood(photograph, options) {
+    const barcode = await detectBarcode(photograph);
+    if (barcode !== null) return this.getPackagedFood(barcode, options);
+    const headers = { "Content-Type": "application/octet-stream" };
+    return this.#json("POST", "/v1/packaged-foods/photograph", { seconds: UPLOAD_SECONDS, ...options, headers, body: photograph });
+  }
+
+  /**
+   * The participant's favourites: foods and amounts under a name.
+   *
+   * @param {CallOptions} [options]
+   * @returns {Promise<Schemas["FavouriteList"]>}
+   */
+  getFavourites(options) {
+    return this.#json("GET", "/v1/me/favourites", options);
+  }
+
+  /**
+   * Replace all favourites.
+   *
+   * @param {Schemas["FavouriteList"]} favourites
+   * @param {CallOptions} [options]
+   * @returns {Promise<Schemas["FavouriteList"]>}
+   */
+  putFavourites(favourites, options) {
+    return this.#json("PUT", "/v1/me/favourites", { ...options, json: favourites });
+  }
+
+  /**
    * The study's vessels, for a hint's `vessel`.
    *
    * @param {CallOptions} [options]
@@ -594,6 +641,44 @@ export function newId() {
   bytes[8] = (/** @type {number} */ (bytes[8]) & 0x3f) | 0x80; // variant of RFC 9562
   const hex = Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
   return hex.replace(/^(.{8})(.{4})(.{4})(.{4})/, "$1-$2-$3-$4-");
+}
+
+/**
+ * What was eaten of a meal, as items of a meal without photographs or of a favourite, marked as copied: `declareMeal({...,
+ * items: copyItems(yesterday, 0.5)})` enters half of it. Amounts that are not known stay so.
+ *
+ * @param {Meal} meal
+ * @param {number} [factor]
+ * @returns {Schemas["DeclaredItemIn"][]}
+ */
+export function copyItems(meal, factor = 1) {
+  return meal.items.flatMap(({ status, food, consumed_g, consumed_interval_g }) => {
+    if (status === "rejected" || !food || consumed_g === 0) return [];
+    if (consumed_g === null || consumed_g < 0) return [{ food: food.key, copied: true }];
+    const [low, high] = consumed_interval_g ?? [0, 0];
+    const sd = low > 0 ? Math.log(high / low) / 3.29 : 0; // of a 90 % interval
+    const relative_sd = Math.min(2, Math.max(0.25, sd)); // at least that of memory
+    return [{ food: food.key, amount: { mass_g: consumed_g * factor, of: "edible", relative_sd }, copied: true }];
+  });
+}
+
+/**
+ * The digits of the one barcode in a photograph; null where the platform reads none.
+ *
+ * @param {Blob} photograph
+ * @returns {Promise<string | null>}
+ */
+async function detectBarcode(photograph) {
+  const Detector = /** @type {any} */ (globalThis).BarcodeDetector;
+  if (!Detector) return null;
+  try {
+    const detector = new Detector({ formats: ["ean_13", "ean_8", "upc_a"] });
+    const codes = await detector.detect(await createImageBitmap(photograph));
+    const digits = new Set(codes.map((/** @type {{rawValue: string}} */ code) => code.rawValue));
+    return digits.size === 1 ? [...digits][0] : null;
+  } catch {
+    return null; // it has no reader of its own, or cannot decode the photograph
+  }
 }
 
 /**

@@ -4,7 +4,7 @@
  * @module
  */
 
-export { TadaClient, newId } from "./client.js";
+export { TadaClient, copyItems, newId } from "./client.js";
 export { NetworkError, Problem } from "./errors.js";
 
 /** @typedef {import("./schema.d.ts").components["schemas"]} Schemas Every body of the API by its name, such as `Schemas["MealOut"]`. */

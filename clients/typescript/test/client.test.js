@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import http from "node:http";
 import { after, before, beforeEach, test } from "node:test";
 
-import { NetworkError, Problem, TadaClient, newId } from "../src/index.js";
+import { NetworkError, Problem, TadaClient, copyItems, newId } from "../src/index.js";
 
 /** Requests as they arrived, and what the server does with the next ones: a function of request and response each. */
 const requests = [];
@@ -326,4 +326,38 @@ test("attempts that bring a photograph no further are counted, others are not", 
   answers = [at(0), ...broken, cut, at(4000), cut];
   await assert.rejects(phone({ retries: { attempts: 2, firstSeconds: 0 } }).putPhotograph("m", "left", LARGE), NetworkError);
   assert.equal(answers.length, 0);
+});
+
+test("barcode is read by the platform where it can, else by the server", async () => {
+  const photograph = new Blob(["pack"]);
+  answers = [json(200, { key: "off:1" }), json(200, { key: "off:2" }), json(200, { key: "off:3" })];
+  assert.equal((await phone().findPackagedFood(photograph)).key, "off:1");
+  let codes = [{ rawValue: "3017620422003" }];
+  globalThis.createImageBitmap = async () => ({});
+  globalThis.BarcodeDetector = class {
+    detect = async () => codes;
+  };
+  try {
+    assert.equal((await phone().findPackagedFood(photograph)).key, "off:2");
+    codes = [...codes, { rawValue: "96385074" }];
+    assert.equal((await phone().findPackagedFood(photograph)).key, "off:3");
+  } finally {
+    delete globalThis.createImageBitmap;
+    delete globalThis.BarcodeDetector;
+  }
+  assert.deepEqual(requests.map(({ method, url }) => `${method} ${url}`), [
+    "POST /v1/packaged-foods/photograph",
+    "GET /v1/packaged-foods/3017620422003",
+    "POST /v1/packaged-foods/photograph",
+  ]);
+  assert.equal(requests[0].body.toString(), "pack");
+});
+
+test("copy of a meal has what was eaten, by a factor and with its doubt, and is marked", () => {
+  const item = { status: "confirmed", food: { key: "apple" }, consumed_g: 100, consumed_interval_g: [90, 111] };
+  const copied = (changes, factor) => copyItems({ items: [{ ...item, ...changes }] }, factor);
+  assert.deepEqual(copied({}, 0.5), [{ food: "apple", amount: { mass_g: 50, of: "edible", relative_sd: 0.25 }, copied: true }]);
+  assert.ok(Math.abs(copied({ consumed_interval_g: [50, 200] })[0].amount.relative_sd - 0.421) < 0.001);
+  assert.deepEqual(copied({ consumed_g: null, consumed_interval_g: null }), [{ food: "apple", copied: true }]);
+  for (const left of [{ status: "rejected" }, { food: null }, { consumed_g: 0 }]) assert.deepEqual(copied(left), []);
 });

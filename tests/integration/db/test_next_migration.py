@@ -112,8 +112,8 @@ def test_each_migration_takes_back_what_it_brought_and_brings_it_again(full):
         execute(full, "UPDATE meal_event SET kind = 'reshape'")
     upgrade(full)
     execute(full, "UPDATE meal_event SET kind = 'reshape'")
-    # by phones; by who signs in; by owners
-    made_again = {"push_subscription": [], "sign_in_attempt": [], "taught_photograph": []}
+    # by an import; by phones; by who signs in; by owners
+    made_again = {"packaged_food": [], "push_subscription": [], "sign_in_attempt": [], "taught_photograph": []}
     assert rows_of(full) == before | made_again
     assert rows_of(full)["study"][0]["is_sandbox"] in (False, 0)
     assert rows_of(full)["study"][0]["web_origins"] is None

@@ -22,6 +22,7 @@ from tests.unit.vision.test_rig import FILE as RIG_FILE
 IMAGE = "/v1/meals/{meal_id}/images/{slot}"
 UNNOTED = {
     ("POST", "/v1/checks"): "judges a pair and keeps nothing",
+    ("POST", "/v1/packaged-foods/photograph"): "reads a barcode and keeps nothing",
     (
         "POST",
         "/v1/calibrations",
@@ -79,6 +80,7 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_webhooks(walk, admin)
     call_of_foods(walk, admin)
     call_of_vessels(walk, admin)
+    walk(phone, "PUT", "/v1/me/favourites", {"items": []})
     walk(phone, "POST", "/v1/rigs", RIG_FILE)
     walk(admin, "POST", "/v1/studies/{study}/rigs", RIG_FILE, **STUDY)
     call_of_remeasurements(walk, admin)

@@ -232,7 +232,7 @@ def test_anonymised_data_identify_nobody_and_keep_food_and_times(person, state, 
         device = session.scalars(sa.select(Device)).one()
         assert (device.model, device.app_version, device.last_used_at) == (None, None, None)
         someone = session.scalars(sa.select(Participant)).one()
-        assert (someone.profile, someone.code[:10]) == (None, "withdrawn-")
+        assert (someone.profile, someone.favourites, someone.code[:10]) == (None, None, "withdrawn-")
     assert not any(state.blobs.has(key) for key in keys)
     told = [
         person.mark,

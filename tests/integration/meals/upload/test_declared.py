@@ -63,3 +63,32 @@ def test_food_without_an_amount_waits_for_one_and_nothing_is_drawn_on_no_photogr
     polygon = [[0, 0], [10, 0], [10, 10]]
     assert speaker.refused("redraw", item=milk["id"], polygon=polygon) == (409, "photographs_missing")
     assert speaker.say("set_volume", item=milk["id"], volume_ml=200)["status"] == "confirmed"
+
+
+def test_copied_entry_is_marked_and_the_others_are_not(declare, phone, state):
+    amount = {"mass_g": 60, "of": "edible", "relative_sd": 0.15}
+    body = told(
+        {"food": "apple", "amount": amount, "copied": True}, {"food": "milk-whole", "amount": {"volume_ml": 250}}
+    )
+    apple, milk = declare(body).json()["items"]
+    assert (apple["flags"], milk["flags"]) == (["copied"], [])
+    assert (apple["consumed_g"], apple["status"]) == (60, "confirmed")
+    assert declare(body).status_code == 200
+    assert sorted(row["flags"] for row in phone.get("/v1/records").json()["items"]) == [[], ["copied"]]
+    assert rebuild_records(state.database, write=False).different == 0
+
+
+@pytest.mark.both_stores
+def test_favourites_are_kept_as_the_participant_names_them_for_nobody_else(client, phone, declare, enrol):
+    oats = {"name": "Haferflocken", "items": [{"food": "milk-whole", "amount": {"volume_ml": 200}}]}
+    cake = {"name": "cake", "items": [{"food": "apple"}]}
+    url = "/v1/me/favourites"
+    assert phone.get(url).json() == {"items": []}
+    for favourites in ([oats, cake], [cake]):
+        kept = client.put(url, headers=phone.headers, json={"items": favourites})
+        assert kept.status_code == 200
+        assert [each["name"] for each in kept.json()["items"]] == [each["name"] for each in favourites]
+        assert phone.get(url).json() == kept.json()
+    assert enrol("another").get(url).json() == {"items": []}
+    (favourite,) = phone.get(url).json()["items"]
+    assert declare(told(*favourite["items"])).json()["items"][0]["food"]["key"] == "apple"
