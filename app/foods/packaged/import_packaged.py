@@ -109,7 +109,10 @@ def _read_dump(connection: duckdb.DuckDBPyConnection, path: Path) -> tuple[Impor
 
 
 def _remove_others(database: Database, checksum: str) -> None:
-    """Delete the rows of earlier dumps; until they are imported again, these cannot be put in force."""
+    """Delete the rows of other dumps, and end their imports.
+
+    Until one of them is imported again, it cannot be put in force.
+    """
     is_other = (FoodRelease.source == OPEN_FOOD_FACTS, FoodRelease.checksum != checksum)
     place = sa.tuple_(PackagedFood.release_id, PackagedFood.code)
     releases = sa.select(FoodRelease.id).where(*is_other)
@@ -117,10 +120,9 @@ def _remove_others(database: Database, checksum: str) -> None:
         PackagedFood.release_id.in_(releases)
     )
     removal = sa.delete(PackagedFood).where(place.in_(rows.limit(BATCH_ROWS)))
+    ended = dict.fromkeys(("completed_at", "written_at", "importer_id"))
     with database.write() as session:
-        session.execute(
-            sa.update(FoodRelease).where(*is_other).values(completed_at=None, written_at=None)
-        )
+        session.execute(sa.update(FoodRelease).where(*is_other).values(**ended))
     are_left = True
     while are_left:
         with database.write() as session:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import pytest
 import sqlalchemy as sa
 
+from app.core.errors import ConflictError
 from app.db.session import Database
 from app.foods.food_releases import list_releases, use_release
 from app.foods.foods import read_food
@@ -205,3 +206,20 @@ def test_import_that_was_broken_off_goes_on_where_it_stopped(database, tmp_path,
     import_packaged(database, path, "me", lambda *counts: progress.append(counts))
     assert progress == [(2, 2)]
     assert import_packaged(database, path, "me", print)[1].was_there
+
+
+@pytest.mark.both_stores
+def test_import_beside_that_of_another_dump_ends(database, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "BATCH_ROWS", 1)
+    first = write_dump(tmp_path / "first.csv", {}, WATER)
+    second = write_dump(tmp_path / "second.csv", {"last_modified_t": "1700100000"}, WATER)
+
+    def import_second(done, _):
+        if done == 1:
+            import_packaged(database, second, "me", print)
+
+    with pytest.raises(ConflictError, match="taken over"):
+        import_packaged(database, first, "me", import_second)
+    with database.read() as session:
+        assert session.scalar(sa.select(sa.func.count()).select_from(PackagedFood)) == 2
+    assert [each.release.version for each in list_releases(database) if each.is_in_force][-1] == "2023-11-16"
