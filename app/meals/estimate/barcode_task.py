@@ -15,7 +15,8 @@ from app.meals.stored.run_answer import Json
 from app.vision.model import ImageArray
 from app.vision.photograph.photo import read_reduced_photo
 
-LONG_SIDE_PX = 1600  # at least; a bar is then 3 px wide where the barcode takes a fifth of it
+# at least, tried in turn: bars are read from 3 px on, as in a barcode of a fifth, or a tenth, of the picture
+LONG_SIDES_PX = (1600, 3200)
 TURNS_DEG = (0.0, 22.5, 45.0, 67.5)  # the reader follows lines along and across the picture
 BLUR_PX, SHARPENING = 2.0, 1.5
 READ_TWICE = 2
@@ -31,14 +32,18 @@ class _BarcodeRequest(BaseModel):
 def barcode_task(arguments: Arguments, _: StageListener) -> Json:
     """Return the digits of the barcodes in a photograph, under `barcodes`."""
     request = _BarcodeRequest.model_validate(arguments)
-    read = read_reduced_photo(
-        request.photo.read_bytes(),
-        max_pixels=request.max_pixels,
-        least_long_side_px=LONG_SIDE_PX,
-    )
-    if isinstance(read, Failure):
-        return {"failure": failure_to_json(read), "barcodes": []}
-    return {"failure": None, "barcodes": [*read_barcodes(read.photo.pixels_bgr)]}
+    content = request.photo.read_bytes()
+    barcodes: list[str] = []
+    for least_long_side_px in LONG_SIDES_PX:
+        read = read_reduced_photo(
+            content, max_pixels=request.max_pixels, least_long_side_px=least_long_side_px
+        )
+        if isinstance(read, Failure):
+            return {"failure": failure_to_json(read), "barcodes": []}
+        barcodes = read_barcodes(read.photo.pixels_bgr)
+        if barcodes:
+            break
+    return {"failure": None, "barcodes": [*barcodes]}
 
 
 def read_barcodes(pixels_bgr: ImageArray) -> list[str]:

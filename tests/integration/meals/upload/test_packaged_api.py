@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.foods.packaged.import_packaged import import_packaged
-from app.meals.estimate.barcode_task import read_barcodes
+from app.meals.estimate.barcode_task import barcode_task, read_barcodes
 from tests.integration.foods.dumps import NO_LABEL, write_dump
 from tests.support.packs import gtin_of, photograph_pack
 from tests.support.photographs import photograph
@@ -106,3 +106,14 @@ def test_part_of_a_pack_is_an_entry_with_the_labels_figures(phone):
     assert (food["release"], food["group"]) == ("open-food-facts 2023-11-14", "Packaged foods")
     assert phone.get("/v1/foods", q="cocoa spread").json()["items"][0]["key"] == "off:3017620422003"
     assert declare(phone, "off:9999999999994", {"mass_g": 30}).json()["code"] == "food_unknown"
+
+
+def test_barcode_that_takes_little_of_a_large_photograph_is_read(tmp_path):
+    large = np.full((2400, 3200, 3), 90, np.uint8)
+    pack = pixels(photograph_pack("3017620422003", 6))
+    large[800:1520, 1000:1960] = cv2.resize(pack, (960, 720), interpolation=cv2.INTER_AREA)
+    photo = tmp_path / "large.jpg"
+    photo.write_bytes(cv2.imencode(".jpg", large)[1].tobytes())
+    halved = cv2.resize(large, (1600, 1200), interpolation=cv2.INTER_AREA)
+    answer = barcode_task({"photo": str(photo), "max_pixels": 10**7}, lambda _: None)
+    assert (read_barcodes(halved), answer["barcodes"]) == ([], ["3017620422003"])
