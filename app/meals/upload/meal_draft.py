@@ -120,6 +120,11 @@ def draft_declared(declared: DeclaredMealIn) -> MealDraft:
     time = meal_time(declared.captured_at, declared.time_zone, datetime.now(UTC))
     details = {"marker": None, "camera": None, "hints": []} | _details(declared, time, {})
     details["declared"] = details.pop("items")
+    for item in details["declared"]:
+        if not item[
+            "copied"
+        ]:  # as rows of earlier versions are, with which a repetition is compared
+            del item["copied"]
     return MealDraft(declared.id, time, cast(MealDetails, details), "declared")
 
 

@@ -3,7 +3,9 @@
 import uuid
 
 import pytest
+import sqlalchemy as sa
 
+from app.meals.stored.models import Meal
 from app.records.recompute_records import rebuild_records
 from tests.integration.meals.upload.answers import refusal
 from tests.integration.records.reviewing import Speaker
@@ -74,6 +76,9 @@ def test_copied_entry_is_marked_and_the_others_are_not(declare, phone, state):
     assert (apple["flags"], milk["flags"]) == (["copied"], [])
     assert (apple["consumed_g"], apple["status"]) == (60, "confirmed")
     assert declare(body).status_code == 200
+    with state.database.read() as session:
+        details = session.scalars(sa.select(Meal)).one().details["declared"]
+    assert [item.get("copied") for item in details] == [True, None]  # as before there were copies
     assert sorted(row["flags"] for row in phone.get("/v1/records").json()["items"]) == [[], ["copied"]]
     assert rebuild_records(state.database, write=False).different == 0
 
