@@ -81,6 +81,7 @@ from app.privacy import me_api as me_privacy
 from app.privacy.erase import Eraser
 from app.privacy.erasure_ledger import ErasureLedger
 from app.records import serve_photo as photographs
+from app.records.double_review import api as double_review
 from app.records.remeasurements import api as remeasurements
 from app.records.review import api as review
 from app.records.review.meal_events import MealEvents
@@ -206,6 +207,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         releases,
         remeasurements,
         review,
+        double_review,
         days,
         diary,
         foods,

@@ -6,6 +6,7 @@ import app.exports.release_models
 import app.foods.models
 import app.foods.packaged.models
 import app.foods.search.models
+import app.meals.stored.decision_models
 import app.meals.stored.event_models
 import app.meals.stored.identification_models
 import app.meals.stored.job_models

@@ -6,7 +6,7 @@ from starlette.responses import RedirectResponse, Response
 from app.core.errors import NotFoundError
 from app.dashboard.data_pages import exports, overview, releases, remeasurements
 from app.dashboard.food_pages import food_forms, foods, study_densities, study_vessels, teach_food
-from app.dashboard.meal_pages import item_actions, meal, meal_list, review
+from app.dashboard.meal_pages import blind, item_actions, meal, meal_list, review
 from app.dashboard.page import CurrentPage
 from app.dashboard.people_pages import (
     account,
@@ -27,6 +27,7 @@ for page in (
     overview,
     item_actions,
     review,
+    blind,
     meal_list,
     meal,
     participants,

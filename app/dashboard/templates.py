@@ -54,6 +54,7 @@ STUDY: Mapping[str, tuple[Entry, ...]] = {
         Entry((), "Overview"),
         Entry(("meals",), "Meals"),
         Entry(("review",), "Review", "reviewer"),
+        Entry(("blind",), "Blind review", "reviewer"),
         FOODS,
     ),
     "People": (
@@ -64,6 +65,7 @@ STUDY: Mapping[str, tuple[Entry, ...]] = {
     "Results": (
         Entry(("intakes",), "Intakes"),
         Entry(("adequacy",), "Adequacy"),
+        Entry(("agreement",), "Agreement"),
         Entry(("exports",), "Exports"),
         Entry(("releases",), "Releases"),
     ),

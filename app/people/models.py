@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import date, datetime
-from typing import Literal, TypedDict, get_args
+from typing import Any, Literal, TypedDict, get_args
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -87,8 +87,9 @@ class Study(Base):
     also help to identify foods of other studies. identifies_by_context: sizes and habits count beside
     looks. web_origins: of web apps that its participants may
     use; NULL: none of its own. reminder_times: "HH:MM", local; NULL: none. is_sandbox: for authors
-    of apps, never for real participants (docs/sandbox.md); it never changes. version grows with
-    every change of the protocol.
+    of apps, never for real participants (docs/sandbox.md); it never changes. double_review: the
+    fields of people/double_review.py; NULL: no item is decided twice. version grows with every
+    change of the protocol.
     """
 
     __tablename__ = "study"
@@ -113,6 +114,7 @@ class Study(Base):
     web_origins: Mapped[list[str] | None] = mapped_column(JsonValue)
     reminder_times: Mapped[list[str] | None] = mapped_column(JsonValue)
     is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
+    double_review: Mapped[dict[str, Any] | None]
     version: Mapped[int] = mapped_column(default=1)
     change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
     created_at: Mapped[datetime]

@@ -25,6 +25,7 @@ from app.nutrition.intakes.energy_requirement import (
 )
 from app.nutrition.intakes.life_stage import Sex
 from app.people.calibration_schemas import CameraIn
+from app.people.double_review import DoubleReview
 from app.people.models import Locale, LocationPolicy, WithdrawalPolicy
 
 Code = Annotated[
@@ -44,7 +45,7 @@ DayStart = Annotated[
     ),
 ]
 
-
+DOUBLE_REVIEW = "Which items two reviewers decide without seeing each other (docs/double-review.md); null: none."
 ClockTime = Annotated[str, Field(pattern=r"^(?:[01]\d|2[0-3]):[0-5]\d$")]
 ReminderTimes = Annotated[
     list[ClockTime],
@@ -119,6 +120,7 @@ class ProtocolIn(BaseModel):
         default=[],
         description="Local times, HH:MM, at which phones that want it are reminded of their meals.",
     )
+    double_review: DoubleReview | None = Field(default=None, description=DOUBLE_REVIEW)
 
 
 class StudyIn(ProtocolIn):
@@ -198,6 +200,7 @@ class StudyOut(BaseModel):
     reminder_times: list[str] = Field(
         description="Local times, HH:MM, at which phones are reminded."
     )
+    double_review: DoubleReview | None = Field(description=DOUBLE_REVIEW)
     sandbox: bool = Field(description=SANDBOX)
     version: int = Field(description="Grows with every change of the study; the ETag names it.")
     created_at: datetime = Field(description="When the study was created.")

@@ -2,7 +2,7 @@
 
 import uuid
 from datetime import UTC, datetime
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from sqlalchemy.orm import Session
 
@@ -38,6 +38,7 @@ class ProtocolChange(TypedDict, total=False):
     identifies_by_context: bool
     web_origins: list[str] | None
     reminder_times: list[str] | None
+    double_review: dict[str, Any] | None
 
 
 def create_study(

@@ -174,26 +174,52 @@ def _made(state: ApiState, caller: Caller, found: StoredPhoto, width_px: int) ->
             )
         if found.is_file:
             return source.read_bytes()
-        answer = state.part(ApiChildren).run(
-            "picture",
-            {
-                "photo": str(source),
-                "output": str(target),
-                "width_px": width_px,
-                "max_pixels": state.settings.max_photo_pixels,
-                "colour": found.colour,
-            },
-            seconds=SECONDS,
-            whose=Whose(
-                found.study_id,
-                caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id,
-            ),
-            photograph_sha256=image.stored_sha256,
+        caller_id = caller.staff_id if isinstance(caller, StaffCaller) else caller.device_id
+        make_picture(
+            state,
+            Whose(found.study_id, caller_id),
+            source,
+            target,
+            width_px=width_px,
+            colour=found.colour,
+            sha256=image.stored_sha256,
             is_costly=(image.decoding_pixels or 0) > COSTLY_PIXELS,
         )
-        if answer["failure"] is not None:
-            raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])
         return target.read_bytes()
+
+
+def make_picture(
+    state: ApiState,
+    whose: Whose,
+    source: Path,
+    target: Path,
+    *,
+    width_px: int,
+    colour: Mapping[str, Any] | None = None,
+    sha256: str | None = None,
+    is_costly: bool = False,
+) -> Mapping[str, Any]:
+    """Have a child write a photograph as upright JPEG; return its width and height.
+
+    Raises PhotographError, UnavailableError.
+    """
+    answer = state.part(ApiChildren).run(
+        "picture",
+        {
+            "photo": str(source),
+            "output": str(target),
+            "width_px": width_px,
+            "max_pixels": state.settings.max_photo_pixels,
+            "colour": colour,
+        },
+        seconds=SECONDS,
+        whose=whose,
+        photograph_sha256=sha256,
+        is_costly=is_costly,
+    )
+    if answer["failure"] is not None:
+        raise PhotographError(answer["failure"]["message"], code=answer["failure"]["code"])
+    return answer
 
 
 def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:

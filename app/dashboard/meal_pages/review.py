@@ -151,8 +151,12 @@ def outline_of(item: ReviewItem) -> Outline | None:
     """Return where the item is; None if the meal has no photograph."""
     if item.photograph is None:
         return None
-    width, height = item.photograph.width_px, item.photograph.height_px
-    rings = [[(float(x), float(y)) for x, y in ring] for ring in item.rings if len(ring) > 2]
+    return outline_in(item.photograph.width_px, item.photograph.height_px, item.rings)
+
+
+def outline_in(width: int, height: int, outline: Sequence[Sequence[Sequence[float]]]) -> Outline:
+    """Return where an outline is in a picture of this size."""
+    rings = [[(float(x), float(y)) for x, y in ring] for ring in outline if len(ring) > 2]
     crop = crop_of([point for ring in rings for point in ring], width, height)
     sharp_width = SHARP_PX * width / crop[2]
     most_corners = max(rings, key=len) if rings else []

@@ -67,6 +67,12 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         # the review queue
         "GET ~/review": "GET ~/review-queue",
         "GET ~/review/{participant}/{meal_id}": "GET ~/review-queue",
+        # items that two decide: only here, with the rights of the queue
+        "GET ~/blind": "GET ~/review-queue",
+        "POST ~/blind": "GET ~/review-queue",
+        "POST ~/blind/{decision}/undo": "GET ~/review-queue",
+        "GET ~/blind/{item}/picture": "GET ~/review-queue",
+        "GET ~/agreement": "GET ~/decisions",
         # participants
         "GET ~/participants": "GET ~/participants",
         "POST ~/participants": "POST ~/participants",

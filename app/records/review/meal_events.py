@@ -33,6 +33,8 @@ from app.meals.stored.models import Meal
 from app.meals.stored.record_models import Item
 from app.people.access import audit
 from app.people.access.caller import Caller, DeviceCaller, StaffCaller
+from app.people.models import Study
+from app.records.double_review.drawn import blind_items_of
 from app.records.project_records import project_meal
 from app.records.read_meal import MealView, lock_meal_of, meal_view
 from app.records.review import review_item, review_meal
@@ -167,7 +169,7 @@ class MealEvents:
                 )
             parts = parts_of(session, [meal])[0]  # keeps the rows in the session's identity map
             before = _implausible_items(session, meal) if event.strict else set()
-            self._write(session, caller, parts, event)
+            self.write(session, caller, parts, event)
             project_meal(session, meal)
             if event.strict and _implausible_items(session, meal) - before:
                 raise InvalidInputError(
@@ -177,7 +179,8 @@ class MealEvents:
                 )
             return meal_view(session, meal, participant, study), True
 
-    def _write(self, session: Session, caller: Caller, parts: MealParts, event: AnyEventIn) -> None:
+    def write(self, session: Session, caller: Caller, parts: MealParts, event: AnyEventIn) -> None:
+        """Append the event to a locked meal, whose projection is left to the caller. Raises as `append`."""
         meal, layer = parts.meal, layer_of(caller)
         if ONLY_LAYER.get(event.kind, layer) != layer:
             raise NotAllowedError(
@@ -189,6 +192,8 @@ class MealEvents:
                 code="meal_not_estimated",
                 meal_status=meal.status,
             )
+        if layer == "reviewer":
+            _require_not_blind(session, meal, event)
         if len(parts.events) >= MAX_EVENTS:
             raise ConflictError(
                 f"A meal can have at most {MAX_EVENTS} events.", code="events_too_many"
@@ -253,6 +258,19 @@ def insert_event(
 def layer_of(caller: Caller) -> Literal["participant", "reviewer"]:
     """Return the layer that the caller's events belong to."""
     return "participant" if isinstance(caller, DeviceCaller) else "reviewer"
+
+
+def _require_not_blind(session: Session, meal: Meal, event: AnyEventIn) -> None:
+    """Raise ConflictError if the event decides an item that two decide without seeing each other."""
+    if isinstance(event, CommentIn | QuestionIn):
+        return
+    blind = blind_items_of(session, session.get_one(Study, meal.study_id), meal.id)
+    items = {item_of(event), *(event.items if isinstance(event, MergeIn) else ())}
+    if (isinstance(event, ConfirmMealIn) and blind) or blind & items:
+        raise ConflictError(
+            "Two reviewers decide this item without seeing each other: decide it there.",
+            code="item_blind",
+        )
 
 
 def _implausible_items(session: Session, meal: Meal) -> set[uuid.UUID]:

@@ -11,7 +11,8 @@ from app.foods.models import Food
 from app.meals.stored.event_models import MealEvent
 from app.meals.stored.models import Meal, MealImage, MealOrigin
 from app.meals.stored.record_models import RECORD_STATUSES, EffectiveRecord, Item
-from app.people.models import Participant, Staff
+from app.people.models import Participant, Staff, Study
+from app.records.double_review.drawn import is_blind
 from app.records.page_queries import MOST_BRANCHES, food_ids, meal_is, needs_look, participants_of
 
 QUEUED_STATUSES = tuple(status for status in RECORD_STATUSES if status != "rejected")
@@ -155,6 +156,9 @@ def queue_keys(
     if not branches:
         return None
     conditions = [record.study_id == chosen.study_id, *needs_look(record)]
+    study = session.get_one(Study, chosen.study_id)
+    if study.double_review is not None:
+        conditions.append(~is_blind(study))
     if chosen.origin is not None:
         conditions.append(meal_is(record.meal_id, [Meal.origin == chosen.origin]))
     if chosen.min_doubt is not None:

@@ -124,7 +124,7 @@ def read_review_page(
     """
     with database.read() as session:
         page = read_rows(session, chosen, cursor=cursor, limit=limit)
-        return Page(_items(session, page.rows), page.cursor)
+        return Page(review_items(session, page.rows), page.cursor)
 
 
 def count_waiting(database: Database, chosen: QueueFilter, most: int) -> int:
@@ -159,7 +159,7 @@ def read_review_item(
         if record is None or item is None or record.meal_id != meal.id:
             raise NotFoundError("This meal has no such item.", code="item_not_found")
         food = session.get(Food, record.food_id) if record.food_id is not None else None
-        shown = _items(session, [QueueRow(record, meal, code, food, item)])[0]
+        shown = review_items(session, [QueueRow(record, meal, code, food, item)])[0]
         events = review.page_of_events(session, meal.id, after=seen, limit=MOST_EVENTS)
         undone = review.undone_events(session, meal.id)
     history = tuple(
@@ -168,7 +168,8 @@ def read_review_item(
     return ItemNow(shown, history)
 
 
-def _items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:
+def review_items(session: Session, rows: Sequence[QueueRow]) -> list[ReviewItem]:
+    """Return the rows with all that is shown of them."""
     meals = {row.meal.id for row in rows}
     photographs = review.left_photographs(session, meals)
     last_events = review.last_events(session, meals)
