@@ -10,7 +10,7 @@ from alembic import op
 from sqlalchemy.dialects import postgresql
 
 revision = "20261130_double"
-down_revision = "20261130_taught"
+down_revision = "20261130_packaged"
 branch_labels = None
 depends_on = None
 

@@ -1,11 +1,10 @@
 """Items that two reviewers decide without seeing each other, one at a time, and how far they agree."""
 
 import uuid
-from collections.abc import Sequence
-from datetime import date
 from typing import Annotated
 
 from fastapi import APIRouter, Query
+from pydantic import BaseModel
 from starlette.responses import HTMLResponse, Response
 
 from app.core.errors import ConflictError, InvalidInputError, NotFoundError
@@ -22,45 +21,42 @@ from app.dashboard.forms import (
 from app.dashboard.meal_pages.review import outline_in
 from app.dashboard.page import CurrentPage, Page, csv_file
 from app.http.text_schemas import LocalDay
-from app.people.access.page_rules import STUDY_PAGES
-from app.records.double_review.api import render_decision
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.records.double_review.decide import BlindReview
+from app.records.double_review.queries import decided_by_two
 from app.records.double_review.schemas import DecisionIn, DecisionOut
-from app.records.double_review.study_agreement import (
-    decided_by_two,
-    known_results,
-    study_agreement,
-)
+from app.records.double_review.study_agreement import known_results, study_agreement
 
 router = APIRouter(include_in_schema=False)
 
 PATH = f"{STUDY_PAGES}/blind"
-Skipped = Annotated[Sequence[uuid.UUID], Query(max_length=100)]
-Day = Annotated[LocalDay | None, Blank]
+
+
+class Asked(BaseModel):
+    """The address's parameters.
+
+    skip: items to leave out; last: the reader's last decision, to be undone
+
+    differing: items that two others decided differently
+    """
+
+    day: Annotated[LocalDay | None, Blank] = None
+    differing: bool = False
+    skip: list[uuid.UUID] = []
+    last: uuid.UUID | None = None
+
+
+AskedFor = Annotated[Asked, Query()]
 
 
 @router.get(PATH)
-def get_blind(
-    page: CurrentPage,
-    day: Day = None,
-    skip: Skipped = (),
-    last: uuid.UUID | None = None,
-    *,
-    differing: bool = False,
-) -> HTMLResponse:
-    """The reader's next item; last: their last decision, to be undone."""
-    return _blind(page, day, skip, last, differing=differing)
+def get_blind(page: CurrentPage, asked: AskedFor) -> HTMLResponse:
+    """The reader's next item."""
+    return _blind(page, asked)
 
 
 @router.post(PATH)
-def post_blind(
-    page: CurrentPage,
-    fields: Fields,
-    day: Day = None,
-    skip: Skipped = (),
-    *,
-    differing: bool = False,
-) -> Response:
+def post_blind(page: CurrentPage, fields: Fields, asked: AskedFor) -> Response:
     """Decide an item."""
     values = form_values(fields)
     body = {"item": values.get("item", "")}
@@ -68,9 +64,9 @@ def post_blind(
         food = values.get("food") or values.get("q") or values.get("choice", "")
         body |= {"food": food, "mass_g": with_point(values.get("mass_g", ""))}
     try:
-        decision = _review(page).decide(read_form(DecisionIn, body))
+        decision = _review(page).decide(read_form(DecisionIn, body), differing=asked.differing)
     except (InvalidInputError, ConflictError, NotFoundError) as error:
-        return _blind(page, day, skip, None, refused(error), differing=differing)
+        return _blind(page, asked, refused(error))
     return page.redirect(page.address(last=decision.id))
 
 
@@ -78,18 +74,14 @@ def post_blind(
 def post_undo(page: CurrentPage, decision: uuid.UUID) -> Response:
     """Take the reader's decision back."""
     _review(page).undo(decision)
-    return page.redirect(page.request.url.path.removesuffix(f"/{decision}/undo"), "Undone.")
+    return page.redirect(study_address(page.study_code, "blind"), "Undone.")
 
 
 @router.get(PATH + "/{item}/picture")
-def get_picture(
-    page: CurrentPage, item: uuid.UUID, width: Annotated[int, Query(ge=64, le=4096)] = 1600
-) -> Response:
+def get_picture(page: CurrentPage, item: uuid.UUID, width: int = 1600) -> Response:
     """An item's picture."""
-    content = _review(page).picture(item, width)
-    return Response(
-        content, media_type="image/jpeg", headers={"Cache-Control": "private, no-store"}
-    )
+    headers = {"Cache-Control": "private, no-store"}
+    return Response(_review(page).picture(item, width), media_type="image/jpeg", headers=headers)
 
 
 @router.get(STUDY_PAGES + "/agreement")
@@ -100,40 +92,19 @@ def get_agreement(
     study = page.require_study()
     with page.database.read() as session:
         if output == "csv":
-            made = [each for item in decided_by_two(session, study.id) for each in item]
-            rows = [render_decision(each) for each in made]
+            rows = [made for item in decided_by_two(session, study.id) for made in item]
             return csv_file(DecisionOut, rows, f"decisions-of-{study.code}")
-        return page.render(
-            "agreement.html",
-            rows=study_agreement(session, study.id),
-            known=known_results(session, study.id) if page.may("owner") else [],
-        )
+        known = known_results(session, study.id) if page.may("owner") else []
+        return page.render("agreement.html", rows=study_agreement(session, study.id), known=known)
 
 
 def _review(page: Page) -> BlindReview:
     return BlindReview(page.state, page.study_caller, page.require_study())
 
 
-def _blind(
-    page: Page,
-    day: date | None,
-    skip: Sequence[uuid.UUID],
-    last: uuid.UUID | None,
-    form: FormState = EMPTY_FORM,
-    *,
-    differing: bool,
-) -> HTMLResponse:
-    item = _review(page).next_item(day, skip, differing=differing)
+def _blind(page: Page, asked: Asked, form: FormState = EMPTY_FORM) -> HTMLResponse:
+    item = _review(page).next_item(asked.day, asked.skip, differing=asked.differing)
     outline = None
     if item is not None and item.size_px is not None:
         outline = outline_in(*item.size_px, item.rings)
-    return page.render(
-        "blind.html",
-        form=form,
-        item=item,
-        outline=outline,
-        day=day,
-        skip=skip,
-        last=last,
-        differing=differing,
-    )
+    return page.render("blind.html", form=form, item=item, outline=outline, asked=asked)

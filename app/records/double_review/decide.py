@@ -6,7 +6,7 @@ would send: food and grams, or a rejection, in the name of who settled it.
 
 import statistics
 import uuid
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
@@ -28,7 +28,6 @@ from app.people.access.caller import StaffCaller
 from app.people.models import Study
 from app.records.double_review import queries as double
 from app.records.double_review.drawn import PLACES, decisions, draw, protocol_of
-from app.records.double_review.queries import MadeDecision
 from app.records.double_review.schemas import DecisionIn
 from app.records.item_foods import weighing_for
 from app.records.project_records import Projector, project_meal
@@ -40,7 +39,7 @@ from app.records.review.review_items import review_items
 from app.records.review.schemas import AnyEventIn, RejectIn, SetFoodIn, SetMassIn
 from app.records.serve_photo import find_photo, render_photo
 
-MOST_CHOICES = 6
+OTHERS = 4  # foods beside that of a known item
 COUNT = decisions().with_only_columns(sa.func.count()).scalar_subquery()
 
 
@@ -49,7 +48,7 @@ class BlindItem:
     """An item as a reviewer sees it, of a meal or with a known answer: nothing tells which.
 
     size_px: width and height of the picture; None: it was erased
-    decisions: the two that differ, which only a third reviewer gets
+    decisions: (decision, reviewer) of the two that differ, which only a third reviewer gets
     """
 
     id: uuid.UUID
@@ -57,7 +56,7 @@ class BlindItem:
     mass_g: float | None
     rings: Sequence[Sequence[Sequence[float]]]
     size_px: tuple[int, int] | None
-    decisions: Sequence[MadeDecision]
+    decisions: Sequence[tuple[ReviewDecision, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +83,9 @@ class BlindReview:
             decided = double.decided_items(session, self.study.id, self.caller.staff_id)
             number = draw(f"{protocol.seed}/{self.caller.staff_id}/{len(decided)}")
             if number < protocol.known_share * PLACES and not differing:
-                for known in double.known_items(session, self.study.id):
-                    if known.id not in decided and known.id not in skipped:
-                        return _known_item(session, known)
+                known = double.known_item(session, self.study.id, decided.union(skipped))
+                if known is not None:
+                    return _known_item(session, known)
             is_own = decisions(ReviewDecision.staff_id == self.caller.staff_id).exists()
             is_asked = COUNT == 2 if differing else COUNT < 2
             conditions = [is_asked, ~is_own, record.item_id.not_in(skipped)]
@@ -98,9 +97,9 @@ class BlindReview:
     def picture(self, item_id: uuid.UUID, width_px: int) -> bytes:
         """Return the item's picture as JPEG. Raises NotFoundError, and what render_photo does."""
         with self.state.database.read() as session:
-            known = self._known(session, item_id)
+            known = session.get(KnownItem, item_id)
             row = double.blind_row(session, self.study, EffectiveRecord.item_id == item_id)
-        if known is not None:
+        if known is not None and known.study_id == self.study.id:
             return known.picture
         if row is None:
             raise _no_item()
@@ -108,27 +107,26 @@ class BlindReview:
         photo = find_photo(self.state.database, self.caller, meal_id, "left", code)
         return render_photo(self.state, self.caller, photo, width_px)
 
-    def decide(self, body: DecisionIn) -> ReviewDecision:
+    def decide(self, body: DecisionIn, *, differing: bool = False) -> ReviewDecision:
         """Keep the decision, and settle the item if that follows.
+
+        differing: the caller saw the two decisions that differ
 
         Raises NotFoundError, ConflictError (`item_decided`), InvalidInputError.
         """
         taken = ConflictError("You have decided this item.", code="item_decided")
         with unless_taken(taken), self.state.database.write() as session:
-            meal = None
-            if self._known(session, body.item) is None:
-                meal = self._lock_meal(session, body.item)
-            made = double.made_decisions(session, ReviewDecision.item_id == body.item)
-            earlier = [each.decision for each in made]
-            if any(decision.staff_id == self.caller.staff_id for decision in earlier):
-                raise taken
+            meal = self._lock_meal(session, body.item)
+            earlier = [decision for decision, _ in double.decisions_of(session, body.item)]
+            if meal is not None and differing != (len(earlier) == 2):
+                raise _no_item()  # decided or undone by others since it was shown
             decision = ReviewDecision(
                 id=uuid.uuid4(),
                 study_id=self.study.id,
                 meal_id=meal.id if meal is not None else None,
                 item_id=body.item,
                 staff_id=self.caller.staff_id,
-                is_final=meal is not None and len(earlier) == 2,
+                is_final=differing,
                 food_key=body.food,
                 mass_g=body.mass_g,
                 energy_kcal=self._energy_kcal(session, body),
@@ -142,39 +140,26 @@ class BlindReview:
             return decision
 
     def undo(self, decision_id: uuid.UUID) -> None:
-        """Take a decision of the caller's back, as long as it is the only one about its item.
-
-        Raises NotFoundError, ConflictError (`decision_settled`).
-        """
+        """Take a decision of the caller's back, until the item is settled. Raises NotFoundError."""
         with self.state.database.write() as session:
             decision = session.get(ReviewDecision, decision_id)
             if decision is None or decision.staff_id != self.caller.staff_id:
-                raise NotFoundError("There is no such decision.", code="decision_not_found")
-            meal = None
-            if decision.meal_id is not None:
-                meal = session.get_one(Meal, decision.meal_id)
-                lock_with_person(session, meal)
-                is_same_item = ReviewDecision.item_id == decision.item_id
-                if len(double.made_decisions(session, is_same_item)) > 1:
-                    raise ConflictError(
-                        "The item was decided: correct it in its meal.", code="decision_settled"
-                    )
+                raise _no_item()
+            meal = self._lock_meal(session, decision.item_id)
             decision.undone_at = datetime.now(UTC)
             self._note(session, "item.undecide", meal)
 
-    def _known(self, session: Session, item_id: uuid.UUID) -> KnownItem | None:
-        known = session.get(KnownItem, item_id)
-        return known if known is not None and known.study_id == self.study.id else None
-
-    def _lock_meal(self, session: Session, item_id: uuid.UUID) -> Meal:
-        """Lock the meal of an item that is not settled. Raises NotFoundError."""
-        record = session.get(EffectiveRecord, item_id)
-        meal = session.get(Meal, record.meal_id) if record is not None else None
-        locked = lock_with_person(session, meal) if meal is not None else None
-        is_item = EffectiveRecord.item_id == item_id
-        if locked is None or double.blind_row(session, self.study, is_item) is None:
-            raise _no_item()
-        return locked
+    def _lock_meal(self, session: Session, item_id: uuid.UUID) -> Meal | None:
+        """Lock the meal of an item that is not settled; None: it is a known item. Raises NotFoundError."""
+        known, record = session.get(KnownItem, item_id), session.get(EffectiveRecord, item_id)
+        if known is not None and known.study_id == self.study.id:
+            return None
+        if record is not None:
+            meal = lock_with_person(session, session.get_one(Meal, record.meal_id))
+            is_item = EffectiveRecord.item_id == item_id
+            if double.blind_row(session, self.study, is_item) is not None:
+                return meal
+        raise _no_item()
 
     def _energy_kcal(self, session: Session, body: DecisionIn) -> float | None:
         if body.food is None or body.mass_g is None:
@@ -189,24 +174,25 @@ class BlindReview:
 
     def _settle(self, session: Session, meal: Meal, made: Sequence[ReviewDecision]) -> None:
         """Write the result of two decisions that agree, or of the third, as events of the meal."""
-        first, second, last = made[0], made[1], made[-1]
-        food, mass_g = last.food_key, last.mass_g
-        if not last.is_final and first.mass_g is not None and second.mass_g is not None:
-            mass_g = statistics.fmean((first.mass_g, second.mass_g))
-            protocol = protocol_of(self.study)
-            limit_g = protocol.limit_percent / 100 * mass_g if protocol is not None else 0.0
-            if abs(first.mass_g - second.mass_g) > limit_g:
+        first, second, *_, last = *made, made[-1]
+        mass_g, protocol = last.mass_g, protocol_of(self.study)
+        if not last.is_final:
+            if first.food_key != second.food_key:
                 return
-        if not last.is_final and first.food_key != second.food_key:
-            return
+            if first.mass_g is not None and second.mass_g is not None and protocol is not None:
+                mass_g = statistics.fmean((first.mass_g, second.mass_g))
+                if abs(first.mass_g - second.mass_g) > protocol.limit_percent / 100 * mass_g:
+                    return
         for decision in made:
             decision.settled_at = datetime.now(UTC)
         session.flush()
         item, events = last.item_id, list[AnyEventIn]()
-        if food is None:
+        if last.food_key is None:
             events.append(RejectIn(id=uuid.uuid4(), kind="reject", item=item))
         else:
-            events.append(SetFoodIn(id=uuid.uuid4(), kind="set_food", item=item, food=food))
+            events.append(
+                SetFoodIn(id=uuid.uuid4(), kind="set_food", item=item, food=last.food_key)
+            )
             events.append(SetMassIn(id=uuid.uuid4(), kind="set_mass", item=item, mass_g=mass_g))
         for event in events:
             parts = parts_of(session, [meal])[0]
@@ -222,10 +208,10 @@ def _item(session: Session, row: QueueRow) -> BlindItem:
     (item,) = review_items(session, [row])
     photograph, item_id = item.photograph, row.record.item_id
     foods = [candidate.food for candidate in item.candidates.candidates]
-    made = double.made_decisions(session, ReviewDecision.item_id == item_id)
+    made = double.decisions_of(session, item_id)
     return BlindItem(
         id=item_id,
-        choices=_by_name([row.food, *foods] if row.food is not None else foods),
+        choices=_by_name([row.food, *foods]),
         mass_g=row.record.mass_g,
         rings=item.rings,
         size_px=(photograph.width_px, photograph.height_px) if photograph is not None else None,
@@ -236,17 +222,15 @@ def _item(session: Session, row: QueueRow) -> BlindItem:
 def _known_item(session: Session, known: KnownItem) -> BlindItem:
     """Show a known item as one of a meal: its food is among others of its group."""
     food = named_food(session, known.food_key)
-    others = double.like_foods(session, food, MOST_CHOICES - 1)
+    others = double.like_foods(session, food, OTHERS)
     size_px = known.width_px, known.height_px
     return BlindItem(known.id, _by_name([food, *others]), known.shown_g, known.rings, size_px, ())
 
 
-def _by_name(foods: Sequence[Food]) -> list[Food]:
-    """Return the first few foods, each once, by name: their order tells nothing."""
-    by_key: dict[str, Food] = {}
-    for food in foods:
-        by_key.setdefault(food.key, food)
-    return sorted(list(by_key.values())[:MOST_CHOICES], key=lambda food: food.name)
+def _by_name(foods: Iterable[Food | None]) -> list[Food]:
+    """Return each food once, by name: their order tells nothing."""
+    by_key = {food.key: food for food in foods if food is not None}
+    return sorted(by_key.values(), key=lambda food: food.name)
 
 
 def _no_item() -> NotFoundError:

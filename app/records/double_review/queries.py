@@ -1,8 +1,8 @@
 """SQL of double review: items to decide, and who decided which."""
 
 import uuid
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from itertools import groupby
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -14,6 +14,7 @@ from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord, Item
 from app.people.models import Participant, Staff, Study
 from app.records.double_review.drawn import is_blind
+from app.records.double_review.schemas import DecisionOut
 from app.records.review.queries import QueueRow
 
 STANDS = ReviewDecision.undone_at.is_(None)
@@ -36,30 +37,46 @@ def blind_row(session: Session, study: Study, *conditions: Condition) -> QueueRo
     return QueueRow(*row) if row is not None else None
 
 
-@dataclass(frozen=True, slots=True)
-class MadeDecision:
-    """A decision that stands, who made it, and what it is of: an item of a meal, or a known one."""
-
-    decision: ReviewDecision
-    reviewer: str
-    meal: Meal | None
-    participant: str | None
-    known: KnownItem | None
+def decisions_of(session: Session, item_id: uuid.UUID) -> list[tuple[ReviewDecision, str]]:
+    """Return (decision, reviewer's name) of an item, the oldest first."""
+    query = sa.select(ReviewDecision, Staff.name).join(Staff).order_by(ReviewDecision.decided_at)
+    rows = session.execute(query.where(ReviewDecision.item_id == item_id, STANDS))
+    return [(decision, name) for decision, name in rows]
 
 
-def made_decisions(session: Session, condition: Condition) -> list[MadeDecision]:
-    """Return decisions item by item, a third's last, those before by the reviewers' names."""
+def decided_by_two(session: Session, study_id: uuid.UUID) -> list[list[DecisionOut]]:
+    """Return the decisions about each item that two have decided, by name, a third's last."""
     decision = ReviewDecision
     query = (
-        sa.select(decision, Staff.name, Meal, Participant.code, KnownItem)
+        sa.select(
+            *(decision.item_id.label("item"), Meal.client_id.label("meal"), Meal.local_date),
+            *(Participant.code.label("participant"), Staff.name.label("reviewer")),
+            *(decision.is_final, decision.food_key.label("food"), decision.mass_g),
+            *(decision.energy_kcal, decision.decided_at, decision.settled_at),
+        )
         .join(Staff, Staff.id == decision.staff_id)
-        .outerjoin(Meal, Meal.id == decision.meal_id)
-        .outerjoin(Participant, Participant.id == Meal.participant_id)
-        .outerjoin(KnownItem, KnownItem.id == decision.item_id)
-        .where(condition, STANDS)
+        .join(Meal, Meal.id == decision.meal_id)
+        .join(Participant, Participant.id == Meal.participant_id)
+        .where(decision.study_id == study_id, STANDS)
         .order_by(decision.item_id, decision.is_final, Staff.name)
     )
-    return [MadeDecision(*row) for row in session.execute(query)]
+    rows = [DecisionOut.model_validate(row) for row in session.execute(query).mappings()]
+    items = [list(group) for _, group in groupby(rows, key=lambda row: row.item)]
+    return [decisions for decisions in items if len(decisions) > 1]
+
+
+def known_decisions(
+    session: Session, study_id: uuid.UUID
+) -> list[tuple[str, ReviewDecision, KnownItem]]:
+    """Return (reviewer, decision, known item) of a study, by the reviewers' names."""
+    query = (
+        sa.select(Staff.name, ReviewDecision, KnownItem)
+        .join(ReviewDecision, ReviewDecision.staff_id == Staff.id)
+        .join(KnownItem, KnownItem.id == ReviewDecision.item_id)
+        .where(KnownItem.study_id == study_id, STANDS)
+        .order_by(Staff.name)
+    )
+    return [(name, decision, known) for name, decision, known in session.execute(query)]
 
 
 def decided_items(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) -> set[uuid.UUID]:
@@ -70,10 +87,12 @@ def decided_items(session: Session, study_id: uuid.UUID, staff_id: uuid.UUID) ->
     return set(session.scalars(query))
 
 
-def known_items(session: Session, study_id: uuid.UUID) -> Sequence[KnownItem]:
-    """Return a study's items with a known answer, by id."""
-    query = sa.select(KnownItem).where(KnownItem.study_id == study_id)
-    return session.scalars(query.order_by(KnownItem.id)).all()
+def known_item(
+    session: Session, study_id: uuid.UUID, without: Collection[uuid.UUID]
+) -> KnownItem | None:
+    """Return the first of a study's items with a known answer, by id, but for these."""
+    query = sa.select(KnownItem).where(KnownItem.study_id == study_id, KnownItem.id.not_in(without))
+    return session.scalars(query.order_by(KnownItem.id).limit(1)).one_or_none()
 
 
 def like_foods(session: Session, food: Food, limit: int) -> Sequence[Food]:

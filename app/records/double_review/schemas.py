@@ -56,7 +56,6 @@ class KnownItemIn(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    id: uuid.UUID = Field(description="Made by the client.")
     food: FoodKey
     mass_g: Grams = Field(description="True grams as served.")
     shown_g: Grams = Field(description="Grams that reviewers see as measured.")

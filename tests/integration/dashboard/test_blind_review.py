@@ -10,19 +10,22 @@ import pytest
 import sqlalchemy as sa
 
 from app.meals.stored.decision_models import ReviewDecision
+from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
 from app.people.models import Staff, Study
-from app.records.double_review import known_items
 from app.records.double_review.drawn import PLACES, draw, is_blind
+from app.records.double_review.known_items import known_item_id
 from app.records.double_review.study_agreement import known_results
-from tests.integration.dashboard.conftest import text_of
+from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.people.people import make_staff
 from tests.integration.records.eating import eaten
 from tests.integration.records.reviewing import Speaker
 from tests.support.estimates import found_item
 from tests.support.photographs import pair
+from tests.support.two_reviewers import made_study
 
 BLIND, AGREEMENT = "/dashboard/studies/pilot/blind", "/dashboard/studies/pilot/agreement"
+SETTLE = f"{BLIND}?differing=true"
 ALL = {"seed": 7, "share": 1, "limit_percent": 20}
 STUDY = "/v1/studies/pilot"
 
@@ -61,8 +64,8 @@ def decide(browser, item=None, food="apple", mass_g="150", path=BLIND, **fields)
     return answer.headers["location"].rpartition("last=")[2]
 
 
-def refusal(browser, **fields):
-    answer = browser.post(BLIND, **fields)
+def refusal(browser, path=BLIND, **fields):
+    answer = browser.post(path, **fields)
     assert answer.status_code >= 400
     return answer.status_code, text_of(answer.text)
 
@@ -89,7 +92,7 @@ def test_items_that_agree_get_the_mean_and_those_that_differ_wait_for_a_third(ph
         cid.page(BLIND, differing="true")
     )
     assert shown(cid) is None
-    decide(cid, item_ids[1], mass_g="127")
+    decide(cid, item_ids[1], mass_g="127", path=SETTLE)
     assert (far.items()[0]["mass_g"], far.history()["items"][-1]["author"]) == (127, "cid")
     assert shown(cid, differing="true") == item_ids[2]
     assert refusal(cid, item=item_ids[1], choice="apple", mass_g="1")[0] == 404
@@ -162,8 +165,8 @@ def test_reviewers_cannot_decide_a_drawn_item_elsewhere_until_it_is_settled(phon
     assert meal.items()[0]["mass_g"] == 5
 
 
-def test_decision_is_undone_until_a_second_is_in_and_made_once(phone, state, client, admin, reviewers):
-    ann, bob, _ = reviewers
+def test_decision_is_undone_until_its_item_is_settled_and_made_once(phone, state, client, admin, reviewers):
+    ann, bob, cid = reviewers
     eaten(phone, state)
     item = shown(ann)
     first = decide(ann, item)
@@ -171,18 +174,22 @@ def test_decision_is_undone_until_a_second_is_in_and_made_once(phone, state, cli
     assert refusal(ann, item=item, choice="pear", mass_g="2")[0] == 409
     assert ann.post(f"{BLIND}/{first}/undo").status_code == 303
     assert shown(ann) == item
-    second = decide(ann, item, food="pear")
+    decide(ann, item, food="pear", mass_g="2")
+    of_bob = decide(bob, item, food="apple")
+    assert shown(cid, differing="true") == item
+    assert refusal(cid, item=item, choice="pear", mass_g="3")[0] == 404  # without having seen the two
+    assert bob.post(f"{BLIND}/{of_bob}/undo").status_code == 303
+    assert refusal(cid, path=SETTLE, item=item, choice="pear", mass_g="3")[0] == 404
     decide(bob, item, food="apple")
-    assert ann.post(f"{BLIND}/{second}/undo").status_code == 409
     rows = list(csv.DictReader(io.StringIO(ann.page(AGREEMENT, format="csv"))))
     assert [(row["reviewer"], row["food"], row["settled_at"]) for row in rows] == [
         ("ann", "pear", ""),
         ("bob", "apple", ""),
     ]
     listed = client.get(f"{STUDY}/decisions", headers=admin).json()["items"]
-    assert [(row["reviewer"], row["mass_g"]) for row in listed] == [("ann", 150), ("bob", 150)]
+    assert [(row["reviewer"], row["mass_g"]) for row in listed] == [("ann", 2), ("bob", 150)]
     actions = [row["action"] for row in client.get(f"{STUDY}/audit", headers=admin).json()["items"]]
-    assert (actions.count("item.decide"), actions.count("item.undecide")) == (3, 1)
+    assert (actions.count("item.decide"), actions.count("item.undecide")) == (4, 2)
 
 
 @pytest.mark.both_stores
@@ -214,21 +221,21 @@ def test_share_and_strata_draw_the_same_items_each_time(phone, state, protocol):
 
 
 @pytest.fixture
-def known_item(client, admin):
+def known_item(client, admin, state):
     """Send an item with a known answer."""
 
     def known_item(food="apple", mass_g=100.0, seed=0):
+        client_id = uuid.uuid4()
         body = {
-            "id": str(uuid.uuid4()),
             "food": food,
             "mass_g": mass_g,
             "shown_g": 1.2 * mass_g,
             "polygon": [[10, 10], [50, 10], [50, 40]],
             "picture": base64.b64encode(pair(seed)["left"]).decode(),
         }
-        answer = client.post(f"{STUDY}/known-items", headers=admin, json=body)
+        answer = client.put(f"{STUDY}/known-items/{client_id}", headers=admin, json=body)
         assert answer.status_code == 204, answer.text
-        return str(known_items.id_of(uuid.UUID(body["id"]))), body["id"]
+        return str(known_item_id(study_of(state), client_id))
 
     return known_item
 
@@ -251,7 +258,7 @@ def test_known_items_look_like_others_find_the_bad_reviewer_and_are_in_no_sum(
     phone, state, client, admin, reviewers, protocol, known_item, sign_in_browser
 ):
     ann, bob, _ = reviewers
-    truth = {known_item(mass_g=100.0 + seed, seed=seed)[0]: 100.0 + seed for seed in range(8)}
+    truth = {known_item(mass_g=100.0 + seed, seed=seed): 100.0 + seed for seed in range(8)}
     for seed in range(6):
         eaten(phone, state, seed=seed)
     protocol(known_share=0.5, seed=seed_that_draws(state, {"ann": (range(10), 5), "bob": (range(10), 5)}))
@@ -267,8 +274,7 @@ def test_known_items_look_like_others_find_the_bad_reviewer_and_are_in_no_sum(
         assert len(set(items) & truth.keys()) >= 4
     with state.database.read() as session:
         of_ann, of_bob = known_results(session, study_of(state).id)
-    assert (of_ann.reviewer, of_ann.right.value, of_bob.reviewer) == ("ann", 1, "bob")
-    assert of_ann.right.low > of_bob.right.value
+    assert (of_ann.reviewer, of_ann.right, of_bob.reviewer, of_bob.right) == ("ann", of_ann.items, "bob", 0)
     assert of_ann.grams.upper.value < 10
     assert of_bob.grams.bias.value > 40
     assert "ann" in sign_in_browser("olga", pilot="owner").page(AGREEMENT).rpartition("known answer")[2]
@@ -284,7 +290,7 @@ def test_card_of_a_known_item_has_the_same_form_and_picture(
 ):
     ann, *_ = reviewers
     eaten(phone, state, seed=1)
-    item, (known, client_id) = shown(ann), known_item(seed=2)
+    item, known = shown(ann), known_item(seed=2)
     ordinary, picture = ann.page(BLIND), ann.get(f"{BLIND}/{item}/picture")
     decide(ann, item)
     protocol(known_share=0.5, seed=seed_that_draws(state, {"ann": ([1], 1)}))
@@ -293,8 +299,7 @@ def test_card_of_a_known_item_has_the_same_form_and_picture(
     assert shape_of(card) == shape_of(ordinary)
     assert (other.headers.keys(), other.content[:24]) == (picture.headers.keys(), picture.content[:24])
     assert uuid.UUID(known).version == uuid.UUID(item).version  # nor does its id tell
-    assert client.delete(f"{STUDY}/known-items/{client_id}", headers=admin).status_code == 204
-    assert shown(ann) is None
+    assert shown(ann, skip=known) is None
 
 
 def shape_of(page):
@@ -305,7 +310,7 @@ def shape_of(page):
 
 def test_only_owners_send_known_items(client, admin, reviewers):
     headers = make_staff(client, admin, "eve", pilot="reviewer").headers
-    assert client.post(f"{STUDY}/known-items", headers=headers, json={}).status_code == 403
+    assert client.put(f"{STUDY}/known-items/{uuid.uuid4()}", headers=headers, json={}).status_code == 403
 
 
 def test_erased_meal_takes_its_decisions_with_it(phone, state, client, admin, reviewers):
@@ -315,3 +320,39 @@ def test_erased_meal_takes_its_decisions_with_it(phone, state, client, admin, re
     assert client.delete(f"/v1/meals/{meal}", headers=phone.headers).status_code == 200
     with state.database.read() as session:
         assert session.scalars(sa.select(ReviewDecision)).all() == []
+
+
+def test_agreement_page_has_the_figures_of_the_made_study(phone, state, reviewers, sign_in_browser):
+    """60 people, 14 days: those that tests/unit/records/test_reviewers_agreement.py has of pingouin."""
+    ann, *_ = reviewers
+    eaten(phone, state)
+    with state.database.write() as session:
+        ids = dict(session.execute(sa.select(Staff.name, Staff.id)).all())
+        (meal,) = session.scalars(sa.select(Meal))
+        session.add_all(
+            ReviewDecision(
+                id=uuid.uuid4(),
+                study_id=meal.study_id,
+                meal_id=meal.id,
+                item_id=uuid.UUID(int=number),
+                staff_id=ids[name],
+                is_final=False,
+                food_key=food,
+                mass_g=grams,
+                energy_kcal=2 * grams,
+                decided_at=meal.received_at,
+            )
+            for number, dish in enumerate(made_study())
+            for name, (food, grams) in zip(("ann", "bob"), dish, strict=True)
+        )
+    page = ann.page(AGREEMENT)
+    shown_figures = figures_of(page[: page.index("<figure")])
+    bias = (13.602529312222837, 10.634187668982587, 16.570870955463086)
+    of_pair = [840, 0.8050287118432679, 0.776759918406456, 0.8332975052800797]
+    of_pair += [0.9000186804914027, 0.8699765396815822, 0.9214501112824962, *bias]
+    rows = [shown_figures[place : place + 28] for place in range(0, 84, 28)]
+    assert rows[0][:10] == rows[2][:10] == pytest.approx(of_pair, rel=1e-9)
+    assert rows[2][19:22] == pytest.approx([2 * each for each in bias], rel=1e-9)
+    assert rows[1][7] == pytest.approx(-bias[0], rel=1e-9)
+    assert page.count("bland-altman") == 2
+    assert ann.page(AGREEMENT, format="csv").count("\n") == 1 + 2 * 840
