@@ -1,7 +1,7 @@
 """items may be decided by two reviewers who do not see each other, some with a known answer
 
 Revision ID: 20261130_double
-Revises: 20261130_taught
+Revises: 20261130_packaged
 Create Date: 2026-11-30 12:00:00
 """
 
@@ -29,8 +29,8 @@ def upgrade() -> None:
         sa.Column("staff_id", sa.Uuid(), nullable=False),
         sa.Column("is_final", sa.Boolean(), nullable=False),
         sa.Column("food_key", sa.String(100), nullable=True),
-        sa.Column("mass_g", sa.Float(), nullable=True),
-        sa.Column("energy_kcal", sa.Float(), nullable=True),
+        sa.Column("mass_g", sa.Double(), nullable=True),
+        sa.Column("energy_kcal", sa.Double(), nullable=True),
         sa.Column("decided_at", TIME, nullable=False),
         sa.Column("undone_at", TIME, nullable=True),
         sa.Column("settled_at", TIME, nullable=True),
@@ -60,8 +60,8 @@ def upgrade() -> None:
         sa.Column("id", sa.Uuid(), nullable=False),
         sa.Column("study_id", sa.Uuid(), nullable=False),
         sa.Column("food_key", sa.String(100), nullable=False),
-        sa.Column("mass_g", sa.Float(), nullable=False),
-        sa.Column("shown_g", sa.Float(), nullable=False),
+        sa.Column("mass_g", sa.Double(), nullable=False),
+        sa.Column("shown_g", sa.Double(), nullable=False),
         sa.Column("rings", JSON, nullable=False),
         sa.Column("picture", sa.LargeBinary(), nullable=False),
         sa.Column("width_px", sa.Integer(), nullable=False),

@@ -204,6 +204,14 @@ class DepthCameraIn(TypedDict):
     unit_mm: NotRequired[float]
 
 
+class DoubleReview(TypedDict):
+    seed: int
+    share: float
+    strata: NotRequired[list["ReviewStratum"]]
+    limit_percent: float
+    known_share: NotRequired[float]
+
+
 class EatenAmountOut(TypedDict):
     amount: float | None
     interval: list[float] | None
@@ -858,6 +866,12 @@ class RemindersOut(TypedDict):
     quiet_until: str | None
 
 
+class ReviewStratum(TypedDict):
+    food_group: NotRequired[str | None]
+    min_doubt: NotRequired[float]
+    share: float
+
+
 class RigIn(TypedDict):
     left: "CameraIn"
     right: "CameraIn"
@@ -916,6 +930,7 @@ class StudyIn(TypedDict):
     identifies_by_context: NotRequired[bool]
     web_origins: NotRequired[list[str]]
     reminder_times: NotRequired[list[str]]
+    double_review: NotRequired["DoubleReview | None"]
     code: str
     name: str
     sandbox: NotRequired[bool]
@@ -939,6 +954,7 @@ class StudyOut(TypedDict):
     identifies_by_context: bool
     web_origins: list[str]
     reminder_times: list[str]
+    double_review: "DoubleReview | None"
     sandbox: bool
     version: int
     created_at: str

@@ -16,6 +16,7 @@ from app.exports.releases.file_runner import FileRunner
 from app.exports.releases.release_filters import ReleaseFilters
 from app.foods.models import Food
 from app.http.row_filter import RowFilter
+from app.meals.stored.decision_models import ReviewDecision
 from app.meals.stored.event_models import DayEvent, DiaryDay, MealEvent
 from app.meals.stored.identification_models import IndexEntry, ItemIdentification
 from app.meals.stored.job_models import Job, RemeasuredItem, RemeasuredPair, Remeasurement
@@ -170,6 +171,12 @@ class Person:
             kept = {"pair": "meal", "position": 0, "state": "kept", "reason": "other_items", "ended_at": now}
             add(RemeasuredPair, remeasurement_id=again.id, **kept)
             add(RemeasuredItem, remeasurement_id=again.id, item_id=item.id, is_changed=False)
+            of_two = {
+                "study_id": meal.study_id,
+                "item_id": item.id,
+                "staff_id": session.scalars(sa.select(Staff.id)).first(),
+            }
+            add(ReviewDecision, **of_two, is_final=False, food_key="apple", mass_g=80.0, decided_at=now)
             left = {"leftover_class": "food_left", "event_id": event.id, "flags": []}
             add(Leftover, after_item_id=after.id, version=1, item_id=item.id, **left)
             self._fill_beside_meals(add, meal, hook)
@@ -222,7 +229,7 @@ class Person:
         found = {self.mark, self.token_sha256}
         shared = set()
         with self.state.database.read() as session:
-            for model in (Study, Webhook, Remeasurement):
+            for model in (Study, Staff, Webhook, Remeasurement):
                 shared.update(map(str, session.scalars(sa.select(model.id))))
             for mapper in Base.registry.mappers:
                 table = mapper.local_table

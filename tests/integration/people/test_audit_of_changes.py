@@ -1,5 +1,6 @@
 """Every changing call leaves an event in the audit log: a new route needs a call here, or a reason why not."""
 
+import base64
 import json
 import uuid
 
@@ -81,6 +82,7 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_foods(walk, admin)
     call_of_vessels(walk, admin)
     walk(phone, "PUT", "/v1/me/favourites", {"items": []})
+    call_of_known_items(walk, admin)
     walk(phone, "POST", "/v1/rigs", RIG_FILE)
     walk(admin, "POST", "/v1/studies/{study}/rigs", RIG_FILE, **STUDY)
     call_of_remeasurements(walk, admin)
@@ -179,6 +181,12 @@ def call_of_vessels(walk, admin):
     one = {"vessel": made["id"]} | STUDY
     walk(admin, "PUT", VESSELS + "/{vessel}", measures | {"capacity_ml": 410}, extra=ANY_VERSION, **one)
     walk(admin, "DELETE", VESSELS + "/{vessel}", **one)
+
+
+def call_of_known_items(walk, admin):
+    item = {"food": "apple", "mass_g": 90, "shown_g": 80, "polygon": [[9, 9], [40, 9], [9, 40]]}
+    item["picture"] = base64.b64encode(pair()["left"]).decode()
+    walk(admin, "PUT", "/v1/studies/{study}/known-items/{item}", item, item=uuid.uuid4(), **STUDY)
 
 
 def call_of_foods(walk, admin):
