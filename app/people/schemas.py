@@ -45,7 +45,9 @@ DayStart = Annotated[
     ),
 ]
 
-DOUBLE_REVIEW = "Which items two reviewers decide without seeing each other (docs/review.md); null: none."
+DOUBLE_REVIEW = (
+    "Which items two reviewers decide without seeing each other (docs/review.md); null: none."
+)
 ClockTime = Annotated[str, Field(pattern=r"^(?:[01]\d|2[0-3]):[0-5]\d$")]
 ReminderTimes = Annotated[
     list[ClockTime],
