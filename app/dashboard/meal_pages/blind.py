@@ -66,7 +66,7 @@ def post_blind(page: CurrentPage, fields: Fields, asked: AskedFor) -> Response:
     try:
         decision = _review(page).decide(read_form(DecisionIn, body), differing=asked.differing)
     except (InvalidInputError, ConflictError, NotFoundError) as error:
-        return _blind(page, asked, refused(error))
+        return _blind(page, asked, refused(error, values))
     return page.redirect(page.address(last=decision.id))
 
 

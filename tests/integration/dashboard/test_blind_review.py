@@ -70,6 +70,7 @@ def refusal(browser, path=BLIND, **fields):
     return answer.status_code, text_of(answer.text)
 
 
+@pytest.mark.both_stores
 def test_items_that_agree_get_the_mean_and_those_that_differ_wait_for_a_third(phone, state, client, admin, reviewers):
     ann, bob, cid = reviewers
     near, far, other, none = (Speaker(client, admin, eaten(phone, state, seed=seed)) for seed in range(4))
@@ -306,6 +307,16 @@ def shape_of(page):
     """The elements of the card, but its foods."""
     card = page[page.index("<article") : page.index("</article>")]
     return re.findall(r"<(\w+)", re.sub(r'<span class="check">.*?</span>', "", card, flags=re.DOTALL))
+
+
+def test_refused_form_keeps_what_was_entered(phone, state, reviewers):
+    ann, *_ = reviewers
+    eaten(phone, state)
+    answer = ann.post(BLIND, item=shown(ann), choice="apple", mass_g="80 or so", q="", food="")
+    assert answer.status_code == 422
+    assert re.search(r'value="apple" data-key="1" checked', answer.text)
+    assert 'value="80 or so"' in answer.text
+    assert ann.post(BLIND, item="none", mass_g="").status_code == 422
 
 
 def test_only_owners_send_known_items(client, admin, reviewers):
