@@ -5,6 +5,7 @@ import csv
 import io
 import re
 import uuid
+from functools import partial
 
 import pytest
 import sqlalchemy as sa
@@ -12,12 +13,16 @@ import sqlalchemy as sa
 from app.meals.stored.decision_models import ReviewDecision
 from app.meals.stored.models import Meal
 from app.meals.stored.record_models import EffectiveRecord
+from app.people.access.caller import StaffCaller
 from app.people.models import Staff, Study
+from app.records.double_review.decide import BlindReview
 from app.records.double_review.drawn import PLACES, draw, is_blind
 from app.records.double_review.known_items import known_item_id
+from app.records.double_review.schemas import DecisionIn
 from app.records.double_review.study_agreement import known_results
 from tests.integration.dashboard.conftest import figures_of, text_of
 from tests.integration.people.people import make_staff
+from tests.integration.records.at_once import at_once
 from tests.integration.records.eating import eaten
 from tests.integration.records.reviewing import Speaker
 from tests.support.estimates import found_item
@@ -307,6 +312,21 @@ def shape_of(page):
     """The elements of the card, but its foods."""
     card = page[page.index("<article") : page.index("</article>")]
     return re.findall(r"<(\w+)", re.sub(r'<span class="check">.*?</span>', "", card, flags=re.DOTALL))
+
+
+@pytest.mark.both_stores
+def test_reviewers_who_decide_at_once_settle_an_item_once(phone, state, client, admin, reviewers):
+    """Each sees the other's decision or waits for it: none is lost, and the result is written by one of them."""
+    meals = [Speaker(client, admin, eaten(phone, state, seed=seed)) for seed in range(5)]
+    with state.database.read() as session:
+        staff = dict(session.execute(sa.select(Staff.name, Staff.id)).all())
+    study = study_of(state)
+    callers = [StaffCaller(staff[name], name, False, uuid.uuid4(), {study.id: "reviewer"}) for name in ("ann", "bob")]
+    for meal in meals:
+        body = DecisionIn(item=meal.items()[0]["id"], food="apple", mass_g=100)
+        at_once(*(partial(BlindReview(state, caller, study).decide, body) for caller in callers))
+        assert [event["kind"] for event in meal.history()["items"]] == ["set_food", "set_mass"]
+        assert meal.items()[0]["reviewed"]
 
 
 def test_refused_form_keeps_what_was_entered(phone, state, reviewers):
