@@ -41,7 +41,9 @@ def study_of(served):
 
 
 def require_legible(page, name):
-    for width in (1280, 390):
+    """Nothing is wrong on the page, wide and narrow; TADA_TEST_PICTURES: a folder for pictures of it."""
+    for width, scheme in ((1280, "light"), (390, "dark")):
+        page.emulate_media(color_scheme=scheme)
         page.set_viewport_size({"width": width, "height": 900})
         if folder := os.environ.get("TADA_TEST_PICTURES"):
             page.screenshot(path=f"{folder}/{name}-{width}.png", full_page=True)

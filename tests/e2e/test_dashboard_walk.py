@@ -43,6 +43,7 @@ PARTS = {
     "/",
     "/dashboard/sign-in",
     f"{OF_STUDY}/adequacy/figures",
+    f"{OF_STUDY}/blind/{{item}}/picture",
     f"{OF_STUDY}/changed-meals",
     f"{OF_STUDY}/exports/list",
     f"{OF_STUDY}/exports/table",

@@ -25,7 +25,7 @@ from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.records.double_review.decide import BlindReview
 from app.records.double_review.queries import decided_by_two
 from app.records.double_review.schemas import DecisionIn, DecisionOut
-from app.records.double_review.study_agreement import known_results, study_agreement
+from app.records.double_review.study_agreement import known_agreement, study_agreement
 
 router = APIRouter(include_in_schema=False)
 
@@ -94,7 +94,7 @@ def get_agreement(
         if output == "csv":
             rows = [made for item in decided_by_two(session, study.id) for made in item]
             return csv_file(DecisionOut, rows, f"decisions-of-{study.code}")
-        known = known_results(session, study.id) if page.may("owner") else []
+        known = known_agreement(session, study.id) if page.may("owner") else []
         return page.render("agreement.html", rows=study_agreement(session, study.id), known=known)
 
 

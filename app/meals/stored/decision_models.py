@@ -6,6 +6,7 @@ result is written as events of the meal (records/review/double_review.py).
 
 import uuid
 from datetime import datetime
+from typing import ClassVar
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
@@ -60,6 +61,7 @@ class KnownItem(Base):
     """
 
     __tablename__ = "known_item"
+    energy_kcal: ClassVar[float | None] = None  # as of a decision
 
     id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
     study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)

@@ -25,9 +25,10 @@ from app.meals.stored.record_models import EffectiveRecord
 from app.nutrition.mass import weighed_mass
 from app.people.access import audit
 from app.people.access.caller import StaffCaller
+from app.people.access.secret_box import SecretBox
 from app.people.models import Study
 from app.records.double_review import queries as double
-from app.records.double_review.drawn import PLACES, decisions, draw, protocol_of
+from app.records.double_review.drawn import DIGITS, PLACES, decisions, protocol_of
 from app.records.double_review.schemas import DecisionIn
 from app.records.item_foods import weighing_for
 from app.records.project_records import Projector, project_meal
@@ -81,8 +82,8 @@ class BlindReview:
             return None
         with self.state.database.read() as session:
             decided = double.decided_items(session, self.study.id, self.caller.staff_id)
-            number = draw(f"{protocol.seed}/{self.caller.staff_id}/{len(decided)}")
-            if number < protocol.known_share * PLACES and not differing:
+            is_known = self.draw(len(decided)) < protocol.known_share
+            if is_known and not differing:
                 known = double.known_item(session, self.study.id, decided.union(skipped))
                 if known is not None:
                     return _known_item(session, known)
@@ -93,6 +94,11 @@ class BlindReview:
                 conditions.append(record.local_date == day)
             row = double.blind_row(session, self.study, *conditions)
             return _item(session, row) if row is not None else None
+
+    def draw(self, number: int) -> float:
+        """Return a number in [0, 1) for each of the caller's decisions, which only the server can tell."""
+        name = f"{self.study.id}/{self.caller.staff_id}/{number}"
+        return int(self.state.part(SecretBox).digest("known_item", name)[:DIGITS], 16) / PLACES
 
     def picture(self, item_id: uuid.UUID, width_px: int) -> bytes:
         """Return the item's picture as JPEG. Raises NotFoundError, and what render_photo does."""

@@ -57,13 +57,8 @@ def decisions(*conditions: Condition) -> sa.Select[uuid.UUID]:
     )
 
 
-def draw(text: str) -> int:
-    """Return a number below 2^32 that the text decides."""
-    return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4])
-
-
 def _is_drawn(protocol: DoubleReview) -> Condition:
-    start = draw(str(protocol.seed))
+    start = int(hashlib.sha256(str(protocol.seed).encode()).hexdigest()[:DIGITS], 16)
     rest = _is_within(start, protocol.share)
     strata = []
     for stratum in protocol.strata:

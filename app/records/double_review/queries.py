@@ -51,7 +51,7 @@ def decided_by_two(session: Session, study_id: uuid.UUID) -> list[list[DecisionO
         sa.select(
             *(decision.item_id.label("item"), Meal.client_id.label("meal"), Meal.local_date),
             *(Participant.code.label("participant"), Staff.name.label("reviewer")),
-            *(decision.is_final, decision.food_key.label("food"), decision.mass_g),
+            *(decision.is_final, decision.food_key, decision.mass_g),
             *(decision.energy_kcal, decision.decided_at, decision.settled_at),
         )
         .join(Staff, Staff.id == decision.staff_id)
@@ -68,13 +68,12 @@ def decided_by_two(session: Session, study_id: uuid.UUID) -> list[list[DecisionO
 def known_decisions(
     session: Session, study_id: uuid.UUID
 ) -> list[tuple[str, ReviewDecision, KnownItem]]:
-    """Return (reviewer, decision, known item) of a study, by the reviewers' names."""
+    """Return (reviewer, decision, known item) of a study."""
     query = (
         sa.select(Staff.name, ReviewDecision, KnownItem)
         .join(ReviewDecision, ReviewDecision.staff_id == Staff.id)
         .join(KnownItem, KnownItem.id == ReviewDecision.item_id)
         .where(KnownItem.study_id == study_id, STANDS)
-        .order_by(Staff.name)
     )
     return [(name, decision, known) for name, decision, known in session.execute(query)]
 

@@ -38,7 +38,7 @@ class DecisionOut(BaseModel):
     local_date: date = Field(description=LOCAL_DATE)
     reviewer: str = Field(description="The reviewer's name.")
     is_final: bool = Field(description="Whether it is a third reviewer's, who saw the two.")
-    food: str | None = Field(description="The food's key; null: it is no food.")
+    food_key: str | None = Field(description="The food's key; null: it is no food.")
     mass_g: float | None = Field(description=AS_SERVED)
     energy_kcal: float | None = Field(description="Energy of these grams; null: not known.")
     decided_at: datetime = Field(description="When it arrived.")
