@@ -1,10 +1,11 @@
 """How far volumes of real photographs are from measured ones: ECUSTFD, by the coin that lies in each of them.
 
-    python benchmarks/weighed_photographs.py [--told] [--half other] [--data FOLDER] [--jobs N] [--only LABEL]
+    python benchmarks/weighed_photographs.py [--side] [--told] [--half other] [--data FOLDER] [--jobs N] [--only LABEL]
 
 Reads photos/ecustfd of FOLDER (by default TADA_SHARED_DATA or ../shared), and density.xls there, which needs xlrd (dev
-extra). One photograph from above of each specimen, a 25 mm coin for the scale, the camera unknown; a point says where
-the food is, and with --told the form that the food table has for it counts. Specimens are split by their names in two
+extra). One photograph from above of each specimen, with --side that from the side as well, a 25 mm coin for the scale,
+the camera unknown; a point in the middle of its box says where the food is (beside a banana, which is bent around it),
+and with --told the form that the food table has for it counts. Specimens are split by their names in two
 halves: look at the other one rarely. Two yardsticks, each by the other specimens of the food: their mean volume, and
 their mean ratio of volume to the area of the food's box to the power of 1.5, in coins.
 """
@@ -37,6 +38,7 @@ class Photographed:
     """One specimen from above. point: px, in the food's box. coins: the box's area over the coin's."""
 
     photo: Path
+    side: Path | None
     label: str
     specimen: str
     true_ml: float
@@ -73,7 +75,9 @@ def photographed(folder: Path, half: str) -> Iterator[Photographed]:
         x, y, width, height = boxes[named["label"]]
         coins = width * height / (boxes["coin"][2] * boxes["coin"][3])
         point = (x + width / 2, y + height / 2)
-        yield Photographed(path, named["label"], specimen, volumes[specimen], point, coins)
+        side = path.with_name(path.name.replace("T(", "S("))
+        of_side = side if side.exists() else None
+        yield Photographed(path, of_side, named["label"], specimen, volumes[specimen], point, coins)
 
 
 def half_of(specimen: str) -> str:
@@ -81,14 +85,14 @@ def half_of(specimen: str) -> str:
     return HALVES[zlib.crc32(specimen.encode()) % 2]
 
 
-def measure(shown: Photographed, form: FoodForm | None) -> Measured:
-    """Measure one photograph."""
+def measure(shown: Photographed, form: FoodForm | None, is_side_used: bool) -> Measured:
+    """Measure one photograph, or two."""
     scale = scale_by(COIN)
     options = EstimateOptions(
         None, known=scale.known, hints=(Hint(point=shown.point, usual_form=form),)
     )
     answer, _ = run_estimate(
-        {"left": shown.photo},
+        {"left": shown.photo} | ({"right": shown.side} if is_side_used and shown.side else {}),
         options,
         max_pixels=MAX_PIXELS,
         on_stage=lambda _: None,
@@ -159,6 +163,7 @@ def main() -> None:
     )
     default = Path(os.environ.get("TADA_SHARED_DATA", ROOT.parent / "shared"))
     parser.add_argument("--data", type=Path, default=default)
+    parser.add_argument("--side", action="store_true")
     parser.add_argument("--told", action="store_true")
     parser.add_argument("--half", choices=HALVES, default=HALVES[0])
     parser.add_argument("--only")
@@ -175,7 +180,8 @@ def main() -> None:
         forms.get(TABLE_FOODS.get(each.label, "")) if options.told else None for each in specimens
     ]
     with ProcessPoolExecutor(options.jobs) as processes:
-        rows = list(processes.map(measure, specimens, usual_forms))
+        of_side = [options.side] * len(specimens)
+        rows = list(processes.map(measure, specimens, usual_forms, of_side))
     print(*lines(rows), sep="\n")
 
 

@@ -29,6 +29,8 @@ FLAGS: Mapping[str, str] = {
     "coin cannot tell it. Ask for photographs with their EXIF data, or calibrate the phone.",
     "single_view": "One photograph alone shows it, which widens the interval: its height follows from its outline and "
     "from what its form usually is. Check the food and its form.",
+    "view_from_side": "The second photograph was taken to be from the side, and its outline there gave the height. If "
+    "that photograph is not from the side, the volume is wrong.",
     "focal_unknown": "The focal length is in neither a calibration nor EXIF, which widens the interval. Ask for "
     "photographs with their EXIF data, or calibrate the phone.",
     "few_matches": "Beside the marker the photographs share hardly any point: the marker alone places the cameras, and "

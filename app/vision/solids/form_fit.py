@@ -12,9 +12,10 @@ import numpy as np
 from app.core.units import ml_from_mm3
 from app.vision.geometry.mesh import enclosed_gradient_mm2, enclosed_mm3
 from app.vision.model import Float64Array
+from app.vision.solids import side_view
 from app.vision.solids.forms import COARSE, EXACT, Form
 from app.vision.solids.measured_item import MOST_SD
-from app.vision.solids.misfits import Misfits, misfits, uncovered
+from app.vision.solids.misfits import NO_POSE, Misfits, misfits, uncovered
 from app.vision.solids.seen import Seen
 from app.vision.tuning import TUNING
 
@@ -29,32 +30,42 @@ class _Prior:
 
 @dataclass(frozen=True)
 class FormAt:
-    """A form at unknowns (k,), and how it fits there what is seen. cells: COARSE or FINE."""
+    """A form at unknowns (k,), and how it fits there what is seen.
+
+    pose: (p,) of the side view. cells: COARSE or FINE.
+    """
 
     form: Form
     cells: int
     unknowns: Float64Array
+    pose: Float64Array
     prior: _Prior
     misfits: Misfits
 
     def cost(self, tolerance: float = 1.0) -> float:
         """-2 log of the posterior, all that a step is judged by."""
-        apart = self.unknowns - self.prior.expected
+        apart = self._from_expected
         return self.misfits.loss(tolerance) + float(apart @ self.prior.precision @ apart)
 
     def linearised(self, tolerance: float = 1.0) -> tuple[Float64Array, Float64Array]:
-        """(k, k) Gauss-Newton's matrix and (k,) half the gradient."""
+        """(k + p, k + p) Gauss-Newton's matrix and (k + p,) half the gradient."""
         weighted = self._jacobian * self.misfits.precision(tolerance)
-        apart = self.unknowns - self.prior.expected
+        apart = self._from_expected
         slope = weighted @ self.misfits.residual_px + self.prior.precision @ apart
         return weighted @ self._jacobian.T + self.prior.precision, slope
+
+    @property
+    def _from_expected(self) -> Float64Array:
+        return np.concatenate([self.unknowns, self.pose]) - self.prior.expected
 
     @cached_property
     def _jacobian(self) -> Float64Array:
         by_vertex = self.form.moves_along(
             self.unknowns, self.cells, self.misfits.vertex, self.misfits.by_point
         )
-        return np.asarray(np.add.reduceat(by_vertex, self.misfits.begins, axis=1), np.float64)
+        by_form = np.add.reduceat(by_vertex, self.misfits.begins, axis=1)
+        by_pose = self.misfits.by_pose
+        return by_form if by_pose is None else np.vstack([by_form, by_pose.T])
 
 
 @dataclass(frozen=True)
@@ -106,7 +117,7 @@ class FormFit:
         vertices = form.vertices(self.unknowns, cells)
         by_vertex = enclosed_gradient_mm2(vertices, form.topology(cells))
         moves = form.moves_along(self.unknowns, cells, np.arange(len(vertices)), by_vertex)
-        gradient = moves.sum(axis=1)
+        gradient = np.concatenate([moves.sum(axis=1), np.zeros(len(self.at.pose))])
         variance = float(gradient @ _solved(self._normal, gradient))
         return ml_from_mm3(float(np.sqrt(max(variance, 0.0))))
 
@@ -124,17 +135,34 @@ class FormFit:
 
 
 def form_at(
-    form: Form, unknowns: Float64Array, cells: int, seen: Seen, prior: _Prior | None = None
+    form: Form,
+    unknowns: Float64Array,
+    cells: int,
+    seen: Seen,
+    pose: Float64Array = NO_POSE,
+    prior: _Prior | None = None,
 ) -> FormAt | None:
     """Return the form where the unknowns (k,) place it; None where nothing of the food meets it.
 
-    prior: the form's own, if it was computed before.
+    pose: of the side view, if there is one. prior: the form's own, if it was computed before.
     """
-    apart = misfits(form, unknowns, cells, seen)
+    apart = misfits(form, unknowns, cells, seen, pose)
     if apart is None:
         return None
-    prior = prior or _Prior(form.expected, form.prior_precision)
-    return FormAt(form, cells, unknowns, prior, apart)
+    return FormAt(form, cells, unknowns, pose, prior or _prior_of(form, pose), apart)
+
+
+def _prior_of(form: Form, pose: Float64Array) -> _Prior:
+    """The prior of a form's unknowns, and of a pose about where it begins."""
+    own = form.prior_precision
+    count = len(own) + len(pose)
+    precision, expected = np.zeros((count, count)), np.concatenate([form.expected, pose])
+    precision[: len(own), : len(own)] = own
+    if len(pose):
+        precision[len(own) :, len(own) :] = np.diag(1.0 / side_view.SD**2)
+        expected[len(own) + side_view.ELEVATION] = side_view.EXPECTED_ELEVATION
+        expected[len(own) + side_view.ROLL] = 0.0
+    return _Prior(expected, precision)
 
 
 def fit_form(
@@ -143,12 +171,21 @@ def fit_form(
     cells: int,
     start: Float64Array | None = None,
     most_rounds: int = TUNING.most_rounds,
+    pose: Float64Array = NO_POSE,
 ) -> FormFit | None:
-    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE."""
-    now = form_at(form, form.start if start is None else start, cells, seen)
+    """Fit from `start` (or the form's own); None where nothing of the food meets the form. cells: COARSE or FINE.
+
+    pose: where the side view's begins, if it was fitted before.
+    """
+    start = form.start if start is None else start
+    if seen.side is not None and len(pose) == 0:
+        pose = seen.side.begin(form.vertices(start, cells))
+    now = form_at(form, start, cells, seen, pose)
     if now is None:
         return None
-    stride, prior = form.stride, now.prior
+    prior, stride, count = now.prior, form.stride, len(start)
+    if len(pose):
+        stride = np.concatenate([stride, side_view.STRIDE])
     tolerance = float(np.clip(now.misfits.middle, 1.0, TUNING.widest))
     damping, least, most = TUNING.damping
     settled = TUNING.settled_coarse if cells == COARSE else TUNING.settled_fine
@@ -163,7 +200,8 @@ def fit_form(
             is_settled = tolerance == 1.0 and promised < settled
             if is_settled:
                 break
-            trial = form_at(form, form.bounded(now.unknowns + step), cells, seen, prior)
+            unknowns = form.bounded(now.unknowns + step[:count])
+            trial = form_at(form, unknowns, cells, seen, now.pose + step[count:], prior)
             fall = -1.0 if trial is None else cost - trial.cost(tolerance)
             if trial is not None and fall > 0:
                 now = trial

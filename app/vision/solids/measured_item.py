@@ -69,7 +69,8 @@ class MeasuredItem:
 
 def of_single_view(item: MeasuredItem, hint: Hint | None) -> MeasuredItem:
     """Return the item with the flag, and without its volume where a vessel holds it: its depth is not seen."""
-    flagged = replace(item, flags=(*item.flags, "single_view"))
+    is_alone = "view_from_side" not in item.flags
+    flagged = replace(item, flags=(*item.flags, "single_view")) if is_alone else item
     if item.volume is None:
         return flagged
     is_held = hint is not None and (

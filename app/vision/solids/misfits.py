@@ -4,6 +4,7 @@ A form at unknowns + evidence (Seen) -> residuals, px, each with its sd, weight 
 with the unknowns: a vertex takes part by how far it faces the camera, not by whether it does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -14,14 +15,16 @@ from app.vision.geometry.masks import filled, window_around
 from app.vision.geometry.mesh import IntArray, Topology, faces_towards, unit, vertex_normals
 from app.vision.model import Float64Array
 from app.vision.solids.contour import Contour, contour_generator, covers
-from app.vision.solids.fields import ParallaxField
+from app.vision.solids.fields import OutlineField, ParallaxField
 from app.vision.solids.forms import EXACT, Form
-from app.vision.solids.outline_snap import STEP_PX
+from app.vision.solids.outline_snap import STEP_PX, Outline
 from app.vision.solids.seen import Seen
+from app.vision.solids.side_view import SideView
 from app.vision.solids.surface_match import SUBPIXEL_BITS, fixed_point
 from app.vision.tuning import TUNING
 
 SAMPLES = np.array(TUNING.samples)
+NO_POSE = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,8 @@ class Misfits:
     """Residuals of a form. Each hangs on one vertex or on a few: those from its `begins` on.
 
     vertex: (v,). by_point: (v, 3) derivative by its place, px/mm. begins: (n,) the first of each residual's vertices.
-    residual_px, sd_px, weight: (n,). unexplained: observations of parallax where the form shows no surface.
+    residual_px, sd_px, weight: (n,). unexplained: observations of parallax where the form shows no surface. by_pose:
+    (n, p) derivative by the pose of a side view; None: it has no part in these.
     """
 
     vertex: IntArray
@@ -39,6 +43,7 @@ class Misfits:
     sd_px: Float64Array
     weight: Float64Array
     unexplained: float = 0.0
+    by_pose: Float64Array | None = None
 
     def loss(self, tolerance: float) -> float:
         """-2 log likelihood, by Cauchy: a shadow taken for food or a highlight bends little."""
@@ -63,17 +68,25 @@ class Misfits:
         return self.residual_px / (tolerance * TUNING.loss_scale * self.sd_px)
 
 
-def misfits(form: Form, unknowns: Float64Array, cells: int, seen: Seen) -> Misfits | None:
-    """The misfits of a form; None where nothing of the food meets it."""
+def misfits(
+    form: Form, unknowns: Float64Array, cells: int, seen: Seen, pose: Float64Array = NO_POSE
+) -> Misfits | None:
+    """The misfits of a form; None where nothing of the food meets it. pose: of the side view, if there is one."""
     placed = _Placed(form.topology(cells), form.vertices(unknowns, cells), seen)
     parts: list[Misfits | None] = [_of_parallax(placed, field) for field in seen.parallax_fields]
     for view, field in enumerate(seen.outline_fields):
         line = None if field is None else _line_in(placed, view)
-        if line is None:
+        if line is None or field is None:
             continue
-        parts.append(_of_outline(placed, line, view, is_folded=form.is_folded))
+        parts.append(_of_outline(placed, line, field, is_folded=form.is_folded))
         if view == 0:
-            parts.append(_of_coverage(placed, line))
+            parts.append(_of_coverage(line, seen.outlines[0], seen.outline_sd_px))
+    if seen.side is not None:
+        line = _line_from_side(placed, seen.side, pose)
+        if line is None:
+            return None
+        parts.append(_of_outline(placed, line, seen.side.field, is_folded=form.is_folded))
+        parts.append(_of_coverage(line, seen.side.outline, seen.outline_sd_px))
     return _together([part for part in parts if part is not None])
 
 
@@ -121,11 +134,15 @@ class _Placed:
 
 @dataclass(frozen=True, slots=True)
 class _Line:
-    """The outline of a form in a view, as contour_generator has it. pixels: (n, 2). gradient: (n, 2, 3) px/mm."""
+    """The outline of a form in a view, as contour_generator has it. pixels: (n, 2). gradient: (n, 2, 3) px/mm.
+
+    by_pose: (n, 2, p) derivative of the pixels by the pose of a side view.
+    """
 
     contour: Contour
     pixels: Float64Array
     gradient: Float64Array
+    by_pose: Float64Array | None = None
 
     @property
     def ends(self) -> tuple[Float64Array, Float64Array]:
@@ -141,6 +158,12 @@ class _Line:
         by_vertex = np.repeat(by_point, 2, axis=0) * shares[:, None]
         return self.contour.vertex[point].ravel(), by_vertex
 
+    def by_the_pose(self, point: IntArray, towards: Float64Array) -> Float64Array | None:
+        """(k, p) derivatives of points (k,) by the pose, counted along (k, 2) in the picture."""
+        if self.by_pose is None:
+            return None
+        return np.asarray(np.einsum("na,nap->np", towards, self.by_pose[point]), np.float64)
+
 
 def _line_in(placed: _Placed, view: int) -> _Line | None:
     seen = placed.seen
@@ -151,12 +174,21 @@ def _line_in(placed: _Placed, view: int) -> _Line | None:
     return _Line(contour, pixels, seen.pixel_gradient(contour.points, view))
 
 
-def _of_outline(placed: _Placed, line: _Line, view: int, *, is_folded: bool) -> Misfits | None:
-    """Distance of the form's outline from the food's, px: of each point the mean over the half segments around it."""
-    seen = placed.seen
-    field = seen.outline_fields[view]
-    if field is None:
+def _line_from_side(placed: _Placed, side: SideView, pose: Float64Array) -> _Line | None:
+    camera = side.camera_mm(pose)
+    contour = contour_generator(placed.vertices, placed.outward, placed.mesh, camera)
+    if len(contour.points) < TUNING.min_outline:
         return None
+    return _Line(
+        contour,
+        side.project(contour.points, pose),
+        side.pixel_gradient(contour.points, pose),
+        side.pose_gradient(contour.points, pose),
+    )
+
+
+def _of_outline(placed: _Placed, line: _Line, field: OutlineField, *, is_folded: bool) -> Misfits:
+    """Distance of the form's outline from the food's, px: of each point the mean over the half segments around it."""
     segments = line.contour.segments
     start, end = line.ends
     along = SAMPLES[:, None, None]
@@ -172,21 +204,22 @@ def _of_outline(placed: _Placed, line: _Line, view: int, *, is_folded: bool) -> 
     summed[:, segments[:, 1]] += np.einsum("s,vsk->vk", SAMPLES, values)
     total = summed[0]
     distance, *towards = summed[1:] / np.maximum(total, 1e-9)
-    vertex, by_vertex = line.moved(np.arange(count), np.column_stack(towards))
+    slope = np.column_stack(towards)
+    vertex, by_vertex = line.moved(np.arange(count), slope)
     open_share = _open_share(line) if is_folded else np.ones(count)
     weight = np.asarray(total * open_share, np.float64)
     weight *= field.length_px / max(float(weight.sum()), 1e-9) / TUNING.outline_run_px
-    sd = np.full(count, seen.outline_sd_px)
-    return Misfits(vertex, by_vertex, 2 * np.arange(count), distance, sd, weight)
+    sd = np.full(count, placed.seen.outline_sd_px)
+    by_pose = line.by_the_pose(np.arange(count), slope)
+    begins = 2 * np.arange(count)
+    return Misfits(vertex, by_vertex, begins, distance, sd, weight, by_pose=by_pose)
 
 
-def _of_coverage(placed: _Placed, line: _Line) -> Misfits | None:
-    """Points of the food's outline in the first view, px, that the form's does not come near: a banana's end, a hole.
+def _of_coverage(line: _Line, outline: Outline | None, sd_px: float) -> Misfits | None:
+    """Points of the food's outline in a view, px, that the form's does not come near: a banana's end, a hole.
 
     They draw the nearest point of the form's outline towards them.
     """
-    seen = placed.seen
-    outline = seen.outlines[0]
     if outline is None:
         return None
     points, weights = outline.points_px[::2], 2 * outline.weights[::2]
@@ -213,8 +246,9 @@ def _of_coverage(placed: _Placed, line: _Line) -> Misfits | None:
         by_vertex,
         2 * np.arange(len(kept)),
         distance - TUNING.unexplained_px,
-        np.full(len(kept), seen.outline_sd_px),
+        np.full(len(kept), sd_px),
         TUNING.coverage_weight * weights[kept] * STEP_PX / TUNING.outline_run_px,
+        by_pose=line.by_the_pose(end_of, direction),
     )
 
 
@@ -295,4 +329,19 @@ def _together(parts: list[Misfits]) -> Misfits | None:
         np.concatenate([part.sd_px for part in parts]),
         np.concatenate([part.weight for part in parts]),
         sum(part.unexplained for part in parts),
+        _by_pose(parts),
+    )
+
+
+def _by_pose(parts: Sequence[Misfits]) -> Float64Array | None:
+    """(n, p) of all; those that a pose has no part in do not change with it."""
+    of_pose = next((part.by_pose for part in parts if part.by_pose is not None), None)
+    if of_pose is None:
+        return None
+    still = np.zeros_like(of_pose[0])
+    return np.concatenate(
+        [
+            np.tile(still, (len(part.residual_px), 1)) if part.by_pose is None else part.by_pose
+            for part in parts
+        ]
     )

@@ -8,6 +8,7 @@ import numpy as np
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.solids.fields import OutlineField, ParallaxField, outline_field, parallax_field
 from app.vision.solids.outline_snap import Outline
+from app.vision.solids.side_view import SideView
 from app.vision.solids.surface_match import WINDOW_PX, SurfaceParallax
 from app.vision.tuning import TUNING
 from app.vision.views.disparity import DisparityMap
@@ -23,7 +24,7 @@ class Seen:
 
     outlines: in the first and the second view, then in the others. dense: from the whole pair, where no surface is
     known yet. surface: measured along a form that is near the food's. by_maps: the same by depth maps beside
-    the pair. outline_sd_px: of the outlines.
+    the pair. outline_sd_px: of the outlines. side: the food in a photograph from the side.
     """
 
     sight: Sight
@@ -35,6 +36,7 @@ class Seen:
     others: tuple[PinholeView, ...] = ()
     by_maps: tuple[SurfaceParallax, ...] = ()
     outline_sd_px: float = TUNING.outline_sd_px
+    side: SideView | None = None
 
     def pixels(self, points_table: Float64Array, view: int) -> Float64Array:
         """(n, 2) px of points (n, 3) mm in a view, numbered as outlines."""

@@ -39,7 +39,8 @@ from app.vision.solids.outline_snap import (
 )
 from app.vision.solids.prism_starts import begin_prisms
 from app.vision.solids.seen import Seen
-from app.vision.solids.single_starts import HEIGHT_RATIOS, single_view_forms
+from app.vision.solids.side_view import SideView
+from app.vision.solids.single_starts import HEIGHT_RATIOS, single_view_forms, upright
 from app.vision.solids.surface_match import (
     average_along,
     draw_mask,
@@ -92,14 +93,16 @@ def measure_shapes(
     others: Sequence[PinholeView] = (),
     depths: Sequence[DisparityMap] = (),
     likely: Sequence[LikelyForms | None] = (),
+    sides: Sequence[SideView | None] = (),
 ) -> list[MeasuredItem] | Failure:
     """Volumes of the foods that can be measured, in the regions' order. Failure "food_not_measured" if there is none.
 
     points_table: (H, W, 3) mm, NaN. pose_sd: relative, of a volume, see pose_doubt.py. hints: those that the regions'
     indices are of; what they say of a food's form counts as form_prior.py tells. others: further views of the scene.
-    depths: maps on the pair's grid and in its scale. likely: of each region, in a single view.
+    depths: maps on the pair's grid and in its scale. likely, sides: of each region, in a single view.
     """
-    scene = replace(_scene_of(foods, pair, disparity, points_table, others), depths=tuple(depths))
+    scene = _scene_of(foods, pair, disparity, points_table, others)
+    scene = replace(scene, depths=tuple(depths), sides=tuple(sides))
     measured: list[MeasuredItem | None] = []
     for number, region in enumerate(foods.regions):
         if region.liquid is not None:
@@ -133,6 +136,7 @@ class _Scene:
     lab: tuple[LabPicture, ...]
     others: tuple[PinholeView, ...]
     depths: tuple[DisparityMap, ...] = ()
+    sides: tuple[SideView | None, ...] = ()
 
     def food(self, number: int) -> _Food | None:
         mask = self.foods.regions[number].mask
@@ -161,7 +165,10 @@ class _Scene:
         points = below_gap(points, support_mm)
         seen = Seen(sight, mask, inward, (line, None), self.disparity, others=self.others)
         if self.grey is None and len(points) == 0:
-            seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px)
+            side = self.sides[number] if self.sides else None
+            middle = np.append(np.median(plane_xy_mm[mask[window]], axis=0), support_mm)
+            side = None if side is None else replace(side, middle_mm=middle.astype(np.float64))
+            seen = replace(seen, outline_sd_px=SINGLE_TUNING.outline_sd_px, side=side)
         hidden_by = *in_pair, *(self._in_front_of(number, points, view) for view in self.others)
         mask_mm2 = float(np.count_nonzero(mask)) * self.pixel_mm**2
         return _Food(
@@ -270,6 +277,8 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     forms = families(food.points, food.mask_mm2, food.support_mm, food.support_sd_mm, camera)
     if len(food.points) == 0:
         forms = single_view_forms(food.sight, food.seen.mask, food.support_mm, food.support_sd_mm)
+        if food.seen.side is not None:
+            forms = [upright(form) for form in forms]
     elif forms:
         height_mm = float(np.quantile(food.points[:, 2], TUNING.top_quantile)) - food.support_mm
         forms += begin_prisms(
@@ -301,7 +310,7 @@ def _coarse_fits(food: _Food, forms: Sequence[Form], hinted: Collection[str]) ->
         for number, fit in enumerate(ranked)
         if number < TUNING.kept_coarse or fit.form.name in hinted or food.is_single
     ]
-    ended = [fit_form(fit.form, food.seen, COARSE, fit.unknowns) for fit in near]
+    ended = [fit_form(fit.form, food.seen, COARSE, fit.unknowns, pose=fit.at.pose) for fit in near]
     return sorted((fit for fit in ended if fit is not None), key=lambda fit: fit.cost)
 
 
@@ -324,7 +333,7 @@ def _refitted(seen: Seen, fits: Sequence[FormFit]) -> list[FormFit]:
         form = replace(before.form, has_displacement=True)
         start = np.zeros(len(form.start))
         start[: len(before.unknowns)] = before.unknowns
-        fit = fit_form(form, seen, FINE, start)
+        fit = fit_form(form, seen, FINE, start, pose=before.at.pose)
         if fit is not None and fit.is_determined:
             refitted.append(fit)
     return sorted(refitted, key=lambda fit: fit.evidence)
@@ -407,6 +416,8 @@ def _measured(
     volume, support_mm, flags = result
     if not food.is_single and is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")
+    if food.seen.side is not None:
+        flags = (*flags, "view_from_side")
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from app.vision.model import Float64Array, MaskArray
 from app.vision.solids.families import MAX_ASPECT, MIN_HALF_MM, Extent, Rectangle, begin_families
-from app.vision.solids.forms import E1, Form, Superellipsoid
+from app.vision.solids.forms import E1, STANDING, TURN_X, TURN_Y, Form, Superellipsoid
 from app.vision.solids.prism_starts import begin_prisms, cast
 from app.vision.views.sight import Sight
 
@@ -66,6 +66,13 @@ def single_view_forms(
     if extent is not None:
         forms += begin_prisms(sight, mask, extent.height_mm, support_mm, support_sd_mm)
     return [_as_usual_heap(form) for form in forms]
+
+
+def upright(form: Form) -> Form:
+    """Return what rests on its flat side so that it does not tilt: from the side, a tilted disc looks like a ball."""
+    if form.name not in STANDING:
+        return form
+    return replace(form, free=tuple(each for each in form.free if each not in (TURN_X, TURN_Y)))
 
 
 def _as_usual_heap(form: Form) -> Form:

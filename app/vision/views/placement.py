@@ -55,16 +55,24 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
     "depth": ("scale_from_depth",),
     "object": ("scale_from_object",),
 }
+# Cosine of the optical axis and the table's normal, which looks up: within 30 degrees of straight down. Whoever takes
+# one photograph so, and another in which neither the reference nor a match is found, takes that one from the side.
+MOST_FROM_ABOVE = -0.87
+_Objects = tuple[Camera, Sequence[MaybeCoin]]  # a photograph's camera, and what may be the coin
 MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """The views over the table and the source of their scale. focal: None where the focal length is known."""
+    """The views over the table and the source of their scale. focal: None where the focal length is known.
+
+    side: beside a view from above, a photograph that shows the foods from the side and was not placed.
+    """
 
     views: RefinedViews | SingleView
     scale: Scale
     focal: FocalDoubt | None = None
+    side: Photo | None = None
 
     @property
     def marker(self) -> MarkerObservation | None:
@@ -125,7 +133,7 @@ def views_by_marker(
         return views
     if isinstance(views, SingleView):
         trace.keep_single(views)
-        return Placement(views, "marker")
+        return Placement(views, "marker", side=_side_of(views, pair.right))
     first, second = _in_order(views, trace)
     with trace.stage("match"):
         matches = match_features(first, second)
@@ -241,29 +249,32 @@ def views_by_object(
         left = _find_objects(pair.left, known, options, "left")
         if isinstance(left, Failure):
             return left
-    if pair.right is not None:
-        placed = _pair_by_object(pair, known, left, options, trace)
+        right = None if pair.right is None else _find_objects(pair.right, known, options, "right")
+    if right is not None and not isinstance(right, Failure):
+        placed = _pair_by_object(pair, known, (left, right), options, trace)
         if placed is not None:
             return placed
         trace.forget_pair()
     camera, coins = left
     alone = place_by_object(pair.left, camera, coins[0].ellipse, known)
     trace.keep_single(alone)
-    return Placement(alone, "object")
+    return Placement(alone, "object", side=_side_of(alone, pair.right))
+
+
+def _side_of(alone: SingleView, right: Photo | None) -> Photo | None:
+    """Return the right photograph if it shows from the side what the left one shows from above."""
+    return right if alone.first.rotation[2, 2] < MOST_FROM_ABOVE else None
 
 
 def _pair_by_object(
     pair: PhotoPair,
     known: KnownObject,
-    left: tuple[Camera, Sequence[MaybeCoin]],
+    seen: tuple[_Objects, _Objects],
     options: EstimateOptions,
     trace: ViewsTrace,
 ) -> Placement | None:
-    """Return both views by matches, in the coin's scale. left: what _find_objects found in the left photograph."""
-    with trace.stage("marker"):
-        right = _find_objects(pair.both[1], known, options, "right")
-    if isinstance(right, Failure):
-        return None
+    """Return both views by matches, in the coin's scale. seen: what _find_objects found in both photographs."""
+    left, right = seen
     with trace.stage("camera"):
         made = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
     if made is None:
@@ -281,7 +292,7 @@ def _pair_by_object(
 
 def _find_objects(
     photo: Photo, known: KnownObject, options: EstimateOptions, side: str
-) -> tuple[Camera, Sequence[MaybeCoin]] | Failure:
+) -> _Objects | Failure:
     """Return a photograph's camera and what may be the coin in it, the likeliest first."""
     camera = _camera_of(photo, options)
     if isinstance(camera, Failure):

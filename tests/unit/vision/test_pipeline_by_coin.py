@@ -16,7 +16,17 @@ from app.vision.photograph.photo import ReducedPhoto
 from app.vision.pipeline import estimate_meal
 from app.vision.precheck import check_pair
 from app.vision.views.object_view import place_by_object
-from tests.unit.vision.stereo_scene import BALL, CAMERA, blank_views, covered, on_plain_table
+from tests.unit.vision.stereo_scene import (
+    BALL,
+    CAMERA,
+    ball_in,
+    blank_views,
+    covered,
+    look_at,
+    on_plain_table,
+    render,
+    view_of,
+)
 
 COIN = parse_scale("coin:25.0")
 OPTIONS = EstimateOptions(None, CAMERA, known=COIN)
@@ -125,6 +135,30 @@ def test_left_photograph_is_measured_alone_where_the_right_one_is_none_of_the_sc
         item = ball_of(estimate_meal(PhotoPair(left, right), replace(OPTIONS, hints=(at_ball,))))
         assert "single_view" in item.flags
         assert item.volume_ml == pytest.approx(BALL.volume_ml, rel=0.35)
+
+
+@pytest.fixture(scope="module")
+def from_above_and_side():
+    """The ball, coloured unlike the table, from above with the coin, and from the side without it."""
+    shown = []
+    for centre_mm in ((90.0, -60.0, 420.0), (40.0, -330.0, 95.0)):
+        pose = look_at(centre_mm, (90.0, 0.0, 20.0))
+        view = covered(view_of(np.clip(render(pose, BALL, 0), 0, 255).astype(np.uint8), pose))
+        ball = ball_in(view)
+        pixels = view.photo.pixels_bgr.copy()
+        pixels[ball] = np.clip(pixels[ball] * np.array([0.3, 0.5, 1.2]), 0, 255)
+        shown.append(replace(view, photo=Photo(pixels)))
+    above, side = shown
+    y, x = (float(places.mean()) for places in np.nonzero(ball_in(above)))
+    return PhotoPair(with_coin(above).photo, side.photo), replace(OPTIONS, hints=(Hint(point=(x, y)),))
+
+
+def test_photograph_from_the_side_tells_the_height(from_above_and_side):
+    pair, options = from_above_and_side
+    item = ball_of(estimate_meal(pair, options))
+    assert "view_from_side" in item.flags
+    assert "single_view" not in item.flags
+    assert item.volume_ml == pytest.approx(BALL.volume_ml, rel=0.06)
 
 
 def test_without_a_coin_nothing_is_measured(views):
