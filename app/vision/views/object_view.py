@@ -17,7 +17,7 @@ from app.vision.intrinsics import Camera
 from app.vision.known_object import KnownObject
 from app.vision.model import Float64Array, Photo, View
 from app.vision.views.features import undistort_to_rays
-from app.vision.views.single_view import LEAST_SD, SingleView, cube_at
+from app.vision.views.single_view import SingleView
 
 EDGE_SD_PX = 0.5  # of a half-axis
 # of its diameter in the picture: its edge is round, and which line of it is seen depends on the light
@@ -49,21 +49,6 @@ def place_by_object(
     ]
     sd = FOCAL_SDS[camera.source]
     return SingleView(view, (farther, *tilted, *([zoomed(view, 1 + sd)] if sd > 0 else ())))
-
-
-def object_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
-    """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
-    own = _log_seen_volume(view.first, middle_mm)
-    changes = [_log_seen_volume(doubt, middle_mm) - own for doubt in view.doubts]
-    return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_SD))
-
-
-def _log_seen_volume(view: View, middle_mm: Float64Array) -> float:
-    """Return the logarithm of the volume that the silhouette of a cube at (2,) x, y stands for, but for a constant."""
-    in_camera = cube_at(middle_mm) @ view.rotation.T + view.translation_mm
-    seen = in_camera[:, :2] / in_camera[:, 2:] * view.camera.fx
-    hull = cv2.convexHull(seen.astype(np.float32))
-    return 1.5 * float(np.log(cv2.contourArea(hull)))
 
 
 def size_sd(ellipse: Ellipse) -> float:

@@ -33,7 +33,7 @@ from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
 from app.vision.views.object_pair import in_scale, rig_of_object
-from app.vision.views.object_view import object_volume_sd, place_by_object
+from app.vision.views.object_view import place_by_object
 from app.vision.views.pose_doubt import volume_doubt
 from app.vision.views.reconstruction import Reconstruction, plane_points
 from app.vision.views.rectification import is_swapped
@@ -93,10 +93,9 @@ def doubt_volumes(
     if isinstance(views, SingleView):
         on_table = plane_points(scene.rectified)[is_food]
         middle_mm = np.nanmedian(on_table, axis=0)[:2].astype(np.float64)
-        if placed.scale == "object":
-            return object_volume_sd(views, middle_mm), flags
         sd = single_volume_sd(views, middle_mm)
-        return too_unsure() if sd > MOST_SD else (sd, flags)
+        is_unsure = sd > MOST_SD and placed.scale != "object"
+        return too_unsure() if is_unsure else (sd, flags)
     doubt = volume_doubt(views, scene.points_table[is_food], placed.focal)
     if doubt.focal_sd > MOST_SD:
         return too_unsure()

@@ -19,10 +19,8 @@ from app.vision.board.pose import (
     board_points,
     project,
 )
-from app.vision.geometry.projective import homogeneous
 from app.vision.intrinsics import Camera
 from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, View
-from app.vision.views.features import undistort_to_rays
 
 CORNERS_PER_FACT = 4.0  # neighbouring corners share what lens and paper do beyond their models
 STEP = np.array(
@@ -31,7 +29,6 @@ STEP = np.array(
 CUBE_MM = 60.0
 LEAST_SD = 0.006  # as of a pair, and what the sheet's bend does to a single view's heights
 DEPTH_SCALE_SD = 0.04  # of a volume by a depth map's scale: phones' sensors are good to one or two per cent of depth
-MIN_SLANT = 0.05  # horizontal part of a ray, below which it tells no height
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,18 +51,17 @@ def single_volume_sd(view: SingleView, middle_mm: Float64Array) -> float:
     """Relative, of a volume at (2,) x, y on the table: by how much a cube there would be seen larger or smaller."""
     if not view.doubts:
         return DEPTH_SCALE_SD
-    pixels = project(view.first.camera, cube_at(middle_mm), _pose_vector(view.first))
-    own = _log_volume(view.first, pixels)
-    changes = [_log_volume(doubt, pixels) - own for doubt in view.doubts]
+    own = _log_seen_volume(view.first, middle_mm)
+    changes = [_log_seen_volume(doubt, middle_mm) - own for doubt in view.doubts]
     return float(np.hypot(np.sqrt(np.square(changes).sum()), LEAST_SD))
 
 
-def cube_at(middle_mm: Float64Array) -> Float64Array:
-    """Return the corners (8, 3) of a cube at (2,) x, y on the table, its foot first, each in order."""
-    corners = np.array(
-        [[x, y, z] for z in (0.0, 1.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
-    ) - [0.5, 0.5, 0.0]
-    return np.asarray(corners * CUBE_MM + [*middle_mm, 0.0], np.float64)
+def _log_seen_volume(view: View, middle_mm: Float64Array) -> float:
+    """Return the logarithm of the volume that the silhouette of a cube at (2,) x, y stands for, but for a constant."""
+    foot = np.array([[x, y] for x in (-0.5, 0.5) for y in (-0.5, 0.5)]) * CUBE_MM + middle_mm
+    corners = np.concatenate([np.insert(foot, 2, height, axis=1) for height in (0.0, CUBE_MM)])
+    seen = project(view.camera, corners, _pose_vector(view))
+    return 1.5 * float(np.log(cv2.contourArea(cv2.convexHull(seen.astype(np.float32)))))
 
 
 def _pose_vector(view: View) -> Float64Array:
@@ -101,18 +97,3 @@ def _moved(view: View, unknowns: Float64Array) -> View:
 def _zoomed(camera: Camera, log_scale: float) -> Camera:
     scale = float(np.exp(log_scale))
     return replace(camera, fx=camera.fx * scale, fy=camera.fy * scale)
-
-
-def _log_volume(view: View, pixels: Float64Array) -> float:
-    """Logarithm of the volume that the view gives an upright box seen at (8, 2) px, foot and top, in order."""
-    rays = homogeneous(undistort_to_rays(view, pixels)) @ view.rotation
-    camera = view.centre_mm
-    foot = (camera + rays[:4] * (-camera[2] / rays[:4, 2])[:, None])[:, :2]
-    following = np.roll(foot, -1, axis=0)
-    area = abs(float((foot[:, 0] * following[:, 1] - foot[:, 1] * following[:, 0]).sum())) / 2
-    flat = rays[4:, :2]
-    reach = ((foot - camera[:2]) * flat).sum(axis=1) / np.maximum(
-        (flat**2).sum(axis=1), MIN_SLANT**2
-    )
-    height = float(np.mean(camera[2] + reach * rays[4:, 2]))
-    return float(np.log(max(area, 1e-6)) + np.log(max(height, 1e-6)))
