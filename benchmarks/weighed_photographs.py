@@ -57,11 +57,12 @@ class Measured:
 
 
 def photographed(folder: Path, half: str) -> Iterator[Photographed]:
-    """Yield the first photograph from above of each specimen of a half whose volume is known."""
+    """Yield one photograph from above of each specimen of a half, if there is any with one from the side as well."""
     of_labels = read_specimens(folder / "density.xls").values()
     volumes = {each.name: each.volume_ml for specimens in of_labels for each in specimens}
     taken = set()
-    for path in sorted((folder / "images").glob("*T(*).jpg")):
+    above = sorted((folder / "images").glob("*T(*).jpg"))
+    for path in sorted(above, key=lambda path: side_of(path) is None):
         named = NAME.fullmatch(path.stem)
         if named is None:
             continue
@@ -75,9 +76,15 @@ def photographed(folder: Path, half: str) -> Iterator[Photographed]:
         x, y, width, height = boxes[named["label"]]
         coins = width * height / (boxes["coin"][2] * boxes["coin"][3])
         point = (x + width / 2, y + height / 2)
-        side = path.with_name(path.name.replace("T(", "S("))
-        of_side = side if side.exists() else None
-        yield Photographed(path, of_side, named["label"], specimen, volumes[specimen], point, coins)
+        yield Photographed(
+            path, side_of(path), named["label"], specimen, volumes[specimen], point, coins
+        )
+
+
+def side_of(above: Path) -> Path | None:
+    """Return the photograph from the side that was taken with one from above."""
+    side = above.with_name(above.name.replace("T(", "S("))
+    return side if side.exists() else None
 
 
 def half_of(specimen: str) -> str:

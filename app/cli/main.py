@@ -16,6 +16,7 @@ from pydantic import ValidationError
 
 from app import __version__
 from app.cli.backup import backup, restore
+from app.cli.benchmark import benchmark
 from app.cli.conformance import conformance_cli
 from app.cli.database import JsonOption, author, opened_database, unmigrated_database
 from app.cli.foods import foods_cli, vessels_cli
@@ -63,6 +64,7 @@ for name, group in (
     cli.add_typer(group, name=name)
 cli.command()(backup)
 cli.command()(restore)
+cli.command()(benchmark)
 cli.command()(remeasure)
 cli.command()(sql)
 
