@@ -58,6 +58,8 @@ def average_forms(
         rest = np.array(
             [tuning.heap_rest_sd if fit.form.name == "heap" else tuning.rest_sd for fit in fits]
         )
+        if len(best.at.pose):
+            rest = np.full(len(fits), tuning.side_rest_sd)
     variance = float(weights @ (spreads**2 + (logs - mean) ** 2 + rest**2))
     item_sd = float(np.hypot(np.sqrt(variance), TUNING.foot_sd_mm / np.ptp(vertices[:, 2])))
     slices = cut_sections(vertices, mesh.faces, support_mm)
