@@ -20,6 +20,7 @@ from app.dashboard.answers import DASHBOARD_PATHS, DashboardAnswers
 from app.dashboard.templates import DashboardFiles
 from app.db.session import open_database
 from app.diary import api as diary
+from app.diary.references import api as references
 from app.exports import api as exports
 from app.exports import data_dictionary_api as data_dictionary
 from app.exports.export_places import ExportPlaces
@@ -210,6 +211,7 @@ def create_app(settings: Settings, extras: Sequence[Callable[[FastAPI], None]] =
         double_review,
         days,
         diary,
+        references,
         foods,
         food_edits,
         packaged_foods,

@@ -1,6 +1,7 @@
 """Every table: importing this module defines them all. Composition roots, Alembic and erasures do."""
 
 import app.db.spent_keys
+import app.diary.references.models
 import app.exports.models
 import app.exports.release_models
 import app.foods.models

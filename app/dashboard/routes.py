@@ -4,7 +4,7 @@ from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
 from app.core.errors import NotFoundError
-from app.dashboard.data_pages import exports, overview, releases, remeasurements
+from app.dashboard.data_pages import exports, overview, reference, releases, remeasurements
 from app.dashboard.food_pages import food_forms, foods, study_densities, study_vessels, teach_food
 from app.dashboard.meal_pages import blind, item_actions, meal, meal_list, review
 from app.dashboard.page import CurrentPage
@@ -32,6 +32,7 @@ for page in (
     meal,
     participants,
     participant,
+    reference,
     exports,
     releases,
     remeasurements,

@@ -66,6 +66,7 @@ STUDY: Mapping[str, tuple[Entry, ...]] = {
         Entry(("intakes",), "Intakes"),
         Entry(("adequacy",), "Adequacy"),
         Entry(("agreement",), "Agreement"),
+        Entry(("reference",), "Against a reference"),
         Entry(("exports",), "Exports"),
         Entry(("releases",), "Releases"),
     ),

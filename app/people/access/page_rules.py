@@ -85,6 +85,8 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET ~/adequacy/figures": "GET ~/adequacy",
         "GET ~/files/intakes": "GET ~/intakes",
         "GET ~/files/adequacy": "GET ~/adequacy",
+        "GET ~/reference": "GET ~/reference-agreement",
+        "POST ~/reference": "PUT ~/reference-days",
         # protocol
         "GET ~/settings": "GET ~",
         "POST ~/settings": "PATCH ~",

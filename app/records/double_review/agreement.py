@@ -1,4 +1,4 @@
-"""How far two reviewers agree: kappa of foods, ICC and limits of agreement of amounts, with 95 % intervals. Pure.
+"""How far two reviewers, or methods, agree: kappa, ICC, limits of agreement, correlation, with 95 % intervals. Pure.
 
 Plain Python, since a server process loads no numpy: quantiles of F are found by halving, from the
 incomplete beta function.
@@ -16,6 +16,7 @@ LEAST = 3  # pairs
 TERMS = (
     400  # of a continued fraction that converges within the square root of the degrees of freedom
 )
+MOST_R = 1 - 2**-53  # z of 1 is infinite
 HALVINGS = 60  # more than a double has bits
 
 Pair = tuple[float, float]
@@ -88,6 +89,19 @@ def agreement_of(pairs: Sequence[Pair]) -> Amounts:
         Figure(low, low - wide, low + wide),
         Figure(high, high - wide, high + wide),
     )
+
+
+def correlation_of(pairs: Sequence[Pair]) -> Figure | None:
+    """Return Pearson's correlation, with an interval by Fisher's z; None if a side is the same everywhere.
+
+    R. A. Fisher, Metron 1 (1921) 3: z has a standard error of 1 / sqrt(n - 3).
+    """
+    n, sides = len(pairs), list(zip(*pairs, strict=True))
+    if n <= LEAST or any(len(set(side)) == 1 for side in sides):
+        return None
+    r = max(-MOST_R, min(MOST_R, statistics.correlation(*sides)))
+    margin = NORMAL / math.sqrt(n - LEAST)
+    return Figure(r, math.tanh(math.atanh(r) - margin), math.tanh(math.atanh(r) + margin))
 
 
 def icc_2_1(pairs: Sequence[Pair]) -> Figure | None:

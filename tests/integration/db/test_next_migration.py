@@ -114,7 +114,7 @@ def test_each_migration_takes_back_what_it_brought_and_brings_it_again(full):
     execute(full, "UPDATE meal_event SET kind = 'reshape'")
     # by an import; by phones; by who signs in; by owners
     made_again = {"packaged_food": [], "push_subscription": [], "sign_in_attempt": [], "taught_photograph": []}
-    made_again |= {"review_decision": [], "known_item": []}  # by reviewers and owners
+    made_again |= {"review_decision": [], "known_item": [], "reference_day": []}  # by reviewers and owners
     assert rows_of(full) == before | made_again
     assert rows_of(full)["study"][0]["is_sandbox"] in (False, 0)
     assert rows_of(full)["study"][0]["web_origins"] is None

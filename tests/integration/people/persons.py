@@ -9,6 +9,7 @@ import numpy as np
 import sqlalchemy as sa
 
 from app.db.base import Base
+from app.diary.references.models import ReferenceDay
 from app.exports.export_spec import ExportSpec, spec_as_json
 from app.exports.models import Export
 from app.exports.release_models import Release
@@ -186,6 +187,7 @@ class Person:
         now, mark = datetime.now(UTC), self.mark
         day = {"status": "closed", "ate_nothing": False, "changed_at": now, "change_seq": 0}
         add(DiaryDay, local_date=meal.local_date, study_id=meal.study_id, **day)
+        add(ReferenceDay, local_date=meal.local_date, amounts={f"of {mark}": 1.0})
         add(DayEvent, local_date=meal.local_date, kind="closed", layer="participant", author=mark)
         camera = {"marker": "plain:9x7:11", "camera": {}, "rms_px": 0.2, "photographs": 9}
         add(CameraCalibration, model=mark, author=mark, **camera)

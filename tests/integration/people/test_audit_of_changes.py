@@ -83,6 +83,8 @@ def test_every_changing_call_is_noted(client, state, admin, enrol):
     call_of_vessels(walk, admin)
     walk(phone, "PUT", "/v1/me/favourites", {"items": []})
     call_of_known_items(walk, admin)
+    reference = {"content": b"participant,local_date\n", "extra": {"Content-Type": "text/csv"}}
+    walk(admin, "PUT", "/v1/studies/{study}/reference-days", **reference, **STUDY)
     walk(phone, "POST", "/v1/rigs", RIG_FILE)
     walk(admin, "POST", "/v1/studies/{study}/rigs", RIG_FILE, **STUDY)
     call_of_remeasurements(walk, admin)

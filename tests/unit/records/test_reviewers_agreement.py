@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from app.records.double_review.agreement import agreement_of, cohens_kappa, f_quantile, icc_2_1
+from app.records.double_review.agreement import agreement_of, cohens_kappa, correlation_of, f_quantile, icc_2_1
 from tests.support.two_reviewers import made_study
 
 # kappa; ICC(A,1); mean difference and limits; each with its 95 % interval
@@ -84,3 +84,16 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
         bias = agreement_of([(rng.gauss(0, 1), rng.gauss(0, 1)) for _ in range(12)]).bias
         hits += bias.low < 0 < bias.high
     assert 915 <= hits <= 985
+
+
+def test_correlation_and_its_interval_are_those_of_scipy():
+    """scipy.stats.pearsonr, of which the interval is by Fisher's z."""
+    pairs = [(a[1], b[1]) for a, b in made_study()[:25]]
+    figure = correlation_of(pairs)
+    assert values(figure) == pytest.approx((0.9686012885357015, 0.9290344454171341, 0.9862647163898837), **CLOSE)
+
+
+def test_correlation_of_equal_sides_is_one_and_of_a_constant_side_none():
+    assert values(correlation_of([(x, 2 * x) for x in (1.0, 2.0, 3.0, 4.0)])) == pytest.approx((1, 1, 1))
+    assert correlation_of([(0.1, 1.0), (0.1, 2.0), (0.1, 3.0), (0.1, 4.0)]) is None
+    assert correlation_of([(1.0, 1.0), (2.0, 3.0), (3.0, 2.0)]) is None
