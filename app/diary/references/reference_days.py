@@ -45,9 +45,7 @@ def replace_reference(
         session.execute(sa.delete(ReferenceDay).where(ReferenceDay.participant_id.in_(of_study)))
         for (local_date, participant_id), amounts in days.items():
             session.add(
-                ReferenceDay(
-                    participant_id=participant_id, local_date=local_date, amounts=amounts
-                )
+                ReferenceDay(participant_id=participant_id, local_date=local_date, amounts=amounts)
             )
         audit.note(session, caller, "reference.put", study_id=study.id, days=len(days))
     return len(days)
@@ -70,10 +68,12 @@ def read_reference(
             cells = _Cells(rows.line_num, row)
             key = (cells.local_date(), cells.participant(participants))
             if key in days:
-                raise cells.error(LOCAL_DATE, "reference_day_repeated", "stands twice")
+                raise cells.error(LOCAL_DATE, "stands twice", code="reference_day_repeated")
             days[key] = cells.amounts()
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInputError(f"This is no CSV in UTF-8: {error}", code="csv_unreadable") from None
+        raise InvalidInputError(
+            f"This is no CSV in UTF-8: {error}", code="csv_unreadable"
+        ) from None
     return days
 
 
@@ -97,9 +97,9 @@ class _Cells:
         self._line = line
         self._texts = {name: (text or "").strip() for name, text in row.items() if name is not None}
         if len(self._texts) < len(row):
-            raise self.error("", "csv_unreadable", "has more cells than there are columns")
+            raise self.error("", "has more cells than there are columns", code="csv_unreadable")
 
-    def error(self, column: str, code: str, why: str) -> InvalidInputError:
+    def error(self, column: str, why: str, *, code: str) -> InvalidInputError:
         text = self._texts.get(column, "")
         return InvalidInputError(
             f"Line {self._line}: {column} {text[:40]!r} {why}.",
@@ -113,7 +113,7 @@ class _Cells:
             return participants[self._texts[PARTICIPANT]]
         except KeyError:
             raise self.error(
-                PARTICIPANT, "reference_participant_unknown", "is not in the study"
+                PARTICIPANT, "is not in the study", code="reference_participant_unknown"
             ) from None
 
     def local_date(self) -> date:
@@ -121,7 +121,7 @@ class _Cells:
             return date.fromisoformat(self._texts[LOCAL_DATE])
         except ValueError:
             raise self.error(
-                LOCAL_DATE, "reference_date_invalid", "is no day such as 2026-11-30"
+                LOCAL_DATE, "is no day such as 2026-11-30", code="reference_date_invalid"
             ) from None
 
     def amounts(self) -> dict[str, float]:
@@ -138,4 +138,4 @@ class _Cells:
             amount = math.nan
         if 0 <= amount < math.inf:
             return amount
-        raise self.error(column, "reference_amount_invalid", "is no amount such as 4.6")
+        raise self.error(column, "is no amount such as 4.6", code="reference_amount_invalid")

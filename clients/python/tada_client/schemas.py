@@ -167,6 +167,7 @@ class DeclaredItemIn(TypedDict):
     food: str
     amount: NotRequired["AmountIn | None"]
     share: NotRequired[float]
+    copied: NotRequired[bool]
 
 
 class DeclaredMealIn(TypedDict):

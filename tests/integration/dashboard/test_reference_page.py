@@ -56,7 +56,12 @@ def test_figures_are_of_participants_means_over_the_days_of_both(state, client, 
     weighed = weighed.replace("P003,2026-11-20,2600,\n", "")
     assert put(client, admin, weighed + others).status_code == 204
     energy, protein = agreement(client, admin)
-    assert (energy["nutrient"], energy["participants"], energy["days"], energy["days_left_out"]) == ("energy_kcal", 4, 8, 2)
+    assert (energy["nutrient"], energy["participants"], energy["days"], energy["days_left_out"]) == (
+        "energy_kcal",
+        4,
+        8,
+        2,
+    )
     # by numpy and scipy.stats (pearsonr, ttest_1samp), of the means 1600 2000 2400 2000 and 1500 2200 2600 1800
     assert energy["mean"] == pytest.approx(2000)
     assert energy["reference_mean"] == pytest.approx(2025)
@@ -96,7 +101,7 @@ def test_refused_file_names_the_line_and_changes_nothing(state, client, admin, o
 
 
 def test_viewer_sees_the_figures_and_uploads_nothing(client, viewer):
-    assert "<form method=\"post\" enctype" not in viewer.page(PAGE)
+    assert '<form method="post" enctype' not in viewer.page(PAGE)
     assert upload(viewer, "participant,local_date\n").status_code == 403
 
 
