@@ -8,8 +8,10 @@ import csv
 import io
 import math
 import uuid
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from datetime import date
+from functools import partial
+from typing import TypeVar
 
 import sqlalchemy as sa
 
@@ -24,7 +26,14 @@ from app.people.models import Participant
 from app.people.studies import load_study
 
 PARTICIPANT, LOCAL_DATE = "participant", "local_date"
-NEEDED = {PARTICIPANT, LOCAL_DATE}
+WHY = {
+    "reference_date_invalid": "is no day such as 2026-11-30",
+    "reference_participant_unknown": "is no participant of the study",
+    "reference_day_repeated": "the participant already has above",
+    "reference_amount_invalid": "is no amount such as 4.6",
+}
+Row = Mapping[str, str]
+T = TypeVar("T")
 
 
 def replace_reference(
@@ -62,80 +71,57 @@ def read_reference(
     """
     days: dict[DayKey, dict[str, float]] = {}
     try:
-        rows = csv.DictReader(io.StringIO(content.decode("utf-8-sig"), newline=""), strict=True)
-        _check_columns(rows.fieldnames or [])
+        text = io.StringIO(content.decode("utf-8-sig"), newline="")
+        rows = csv.DictReader(text, restval="", strict=True)
+        columns = _amount_columns(rows.fieldnames or [])
         for row in rows:
-            cells = _Cells(rows.line_num, row)
-            key = (cells.local_date(), cells.participant(participants))
+            if None in row:
+                raise csv.Error(f"line {rows.line_num} has more cells than the first")  # noqa: TRY301
+            read = partial(_read, rows.line_num, row)
+            local_date = read(LOCAL_DATE, date.fromisoformat, code="reference_date_invalid")
+            participant = read(
+                PARTICIPANT, participants.__getitem__, code="reference_participant_unknown"
+            )
+            key = (local_date, participant)
             if key in days:
-                raise cells.error(LOCAL_DATE, "stands twice", code="reference_day_repeated")
-            days[key] = cells.amounts()
+                raise _error(rows.line_num, row, LOCAL_DATE, code="reference_day_repeated")
+            days[key] = {
+                column: read(column, _amount, code="reference_amount_invalid")
+                for column in columns
+                if row[column]
+            }
     except (UnicodeDecodeError, csv.Error) as error:
-        raise InvalidInputError(
-            f"This is no CSV in UTF-8: {error}", code="csv_unreadable"
-        ) from None
+        raise InvalidInputError(f"No CSV in UTF-8: {error}.", code="csv_unreadable") from None
     return days
 
 
-def _check_columns(names: list[str]) -> None:
-    wrong = NEEDED.symmetric_difference(names).difference(HEADLINE_COLUMNS)
-    repeated = {name for name in names if names.count(name) > 1}
-    for name in sorted(wrong | repeated):
-        raise InvalidInputError(
-            f"The columns are participant, local_date and any of {', '.join(HEADLINE_COLUMNS)}, each"
-            f" once: see {name!r}.",
-            code="reference_column_wrong",
-            line=1,
-            column=name,
-        )
+def _amount_columns(names: Sequence[str]) -> list[str]:
+    offered = {PARTICIPANT, LOCAL_DATE, *HEADLINE_COLUMNS}
+    for name in (PARTICIPANT, LOCAL_DATE, *names):
+        if name not in offered or names.count(name) != 1:
+            raise InvalidInputError(
+                f"Column {name!r} is wrong, missing or repeated: the columns are participant,"
+                f" local_date and any of {', '.join(HEADLINE_COLUMNS)}.",
+                code="reference_column_wrong",
+                column=name,
+            )
+    return [name for name in names if name in HEADLINE_COLUMNS]
 
 
-class _Cells:
-    """A row's cells. A short row lacks cells (None); more than there are columns are under None."""
+def _read(line: int, row: Row, column: str, reader: Callable[[str], T], *, code: str) -> T:
+    try:
+        return reader(row[column].strip())
+    except (KeyError, ValueError):
+        raise _error(line, row, column, code=code) from None
 
-    def __init__(self, line: int, row: dict[str, str]) -> None:
-        self._line = line
-        self._texts = {name: (text or "").strip() for name, text in row.items() if name is not None}
-        if len(self._texts) < len(row):
-            raise self.error("", "has more cells than there are columns", code="csv_unreadable")
 
-    def error(self, column: str, why: str, *, code: str) -> InvalidInputError:
-        text = self._texts.get(column, "")
-        return InvalidInputError(
-            f"Line {self._line}: {column} {text[:40]!r} {why}.",
-            code=code,
-            line=self._line,
-            column=column,
-        )
+def _error(line: int, row: Row, column: str, *, code: str) -> InvalidInputError:
+    message = f"Line {line}: {column} is {row[column][:40]!r}, which {WHY[code]}."
+    return InvalidInputError(message, code=code, line=line, column=column)
 
-    def participant(self, participants: Mapping[str, uuid.UUID]) -> uuid.UUID:
-        try:
-            return participants[self._texts[PARTICIPANT]]
-        except KeyError:
-            raise self.error(
-                PARTICIPANT, "is not in the study", code="reference_participant_unknown"
-            ) from None
 
-    def local_date(self) -> date:
-        try:
-            return date.fromisoformat(self._texts[LOCAL_DATE])
-        except ValueError:
-            raise self.error(
-                LOCAL_DATE, "is no day such as 2026-11-30", code="reference_date_invalid"
-            ) from None
-
-    def amounts(self) -> dict[str, float]:
-        return {
-            name: self._amount(name, text)
-            for name, text in self._texts.items()
-            if text and name not in NEEDED
-        }
-
-    def _amount(self, column: str, text: str) -> float:
-        try:
-            amount = float(text)
-        except ValueError:
-            amount = math.nan
-        if 0 <= amount < math.inf:
-            return amount
-        raise self.error(column, "is no amount such as 4.6", code="reference_amount_invalid")
+def _amount(text: str) -> float:
+    amount = float(text)
+    if not 0 <= amount < math.inf:
+        raise ValueError
+    return amount
