@@ -49,7 +49,10 @@ def test_every_figure_of_a_release_is_the_apis_and_its_files(client, admin, owne
     rows = {file["name"]: file["rows"] for file in told["files"]}
     methods = text_of(re.search(r'<p class="note" id="methods">(.*?)</p>', page, re.DOTALL)[1])
     assert f"beside a reference of known size ({manifest['protocol']['marker']}). Food volumes" in methods
-    assert f"with tada-server {manifest['program']}; pipeline versions, with numbers of items: none; methods: none." in methods
+    assert (
+        f"with tada-server {manifest['program']}; pipeline versions, with numbers of items: none; methods: none."
+        in methods
+    )
     tables = ", ".join(f"{name} ({count})" for name, count in contents["food_tables"].items())
     assert f"those of 2 foods of these food tables, with numbers of items: {tables}. A day begins at 00:00" in methods
     assert f"local days from the first to 2026-11-02; {rows['days.csv']} days; {rows['items.csv']} items" in methods
