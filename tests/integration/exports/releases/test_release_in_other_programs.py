@@ -6,6 +6,7 @@ import runpy
 from datetime import date
 from types import SimpleNamespace
 
+import frictionless
 import pandas as pd
 import pyreadstat
 import pytest
@@ -34,6 +35,24 @@ def read_csv(path):
     with path.open(newline="", encoding="utf-8") as file:
         rows = csv.DictReader(file)
         return rows.fieldnames, list(rows)
+
+
+def errors(package):
+    """What Frictionless finds in the CSV tables; its reader of Parquet has no bytes, and takes lists for text."""
+    tables = [resource.to_descriptor() for resource in package.resources if resource.format == "csv"]
+    report = frictionless.Package.from_descriptor({"resources": tables}, basepath=package.basepath).validate()
+    return report.flatten(["name", "type"])
+
+
+def test_release_is_a_data_package_whose_tables_are_as_it_says(release):
+    path = release.folder / "datapackage.json"
+    package = frictionless.Package(str(path))
+    assert len(package.resources) == 2 * len(test_releases.TABLES) + 1
+    assert errors(package) == []
+    days = release.folder / "days.csv"
+    days.write_text(days.read_text().replace("closed", "shut"))
+    kinds = {kind for _, kind in errors(frictionless.Package(str(path)))}
+    assert kinds >= {"hash-count", "constraint-error"}
 
 
 def test_redcap_gets_a_field_for_each_column_and_a_repeat_for_each_day(release):
