@@ -178,8 +178,15 @@ class Person:
                 "staff_id": session.scalars(sa.select(Staff.id)).first(),
             }
             add(ReviewDecision, **of_two, is_final=False, food_key="apple", mass_g=80.0, decided_at=now)
-            left = {"leftover_class": "food_left", "event_id": event.id, "flags": []}
-            add(Leftover, after_item_id=after.id, version=1, item_id=item.id, **left)
+            add(
+                Leftover,
+                after_item_id=after.id,
+                version=1,
+                item_id=item.id,
+                leftover_class="food_left",
+                event_id=event.id,
+                flags=[],
+            )
             self._fill_beside_meals(add, meal, hook)
 
     def _fill_beside_meals(self, add, meal, hook):
