@@ -39,6 +39,7 @@ STAYS_WITHOUT_MEAL = {
     "enrolment",
     "participant",
     "push_subscription",
+    "reference_day",
     "webhook_delivery",
 }
 
