@@ -2,16 +2,21 @@
 
 import csv
 import io
+import uuid
+from functools import partial
 
 import pytest
 import sqlalchemy as sa
 
 from app.core.errors import InvalidInputError
 from app.diary.references.models import ReferenceDay
-from app.diary.references.reference_days import read_reference
+from app.diary.references.reference_days import read_reference, replace_reference
+from app.people.access.caller import StaffCaller
+from app.people.models import Staff, Study
 from app.people.privacy_models import AuditEvent
 from tests.integration.dashboard.conftest import BROWSER, figures_of, text_of
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item
+from tests.integration.records.at_once import at_once
 
 PAGE, STUDY = "/dashboard/studies/pilot/reference", "/v1/studies/pilot"
 DAYS = ("2026-11-20", "2026-11-21")
@@ -105,6 +110,20 @@ def test_refused_file_names_the_line_and_changes_nothing(state, client, admin, o
 def test_viewer_sees_the_figures_and_uploads_nothing(client, viewer):
     assert '<form method="post" enctype' not in viewer.page(PAGE)
     assert upload(viewer, "participant,local_date\n").status_code == 403
+
+
+@pytest.mark.both_stores
+def test_files_uploaded_at_once_are_one_of_them_and_not_a_mixture(state, enrol):
+    enrol("P001")
+    with state.database.read() as session:
+        study, staff = session.scalars(sa.select(Study)).one(), session.scalars(sa.select(Staff)).first()
+    caller = StaffCaller(staff.id, staff.name, False, uuid.uuid4(), {study.id: "owner"})
+    for _ in range(5):
+        files = [f"{HEAD}P001,2026-11-20,{kcal}\nP001,2026-11-{21 + kcal},{kcal}\n".encode() for kcal in (1, 2, 3)]
+        at_once(*(partial(replace_reference, state.database, caller, "pilot", file) for file in files))
+        with state.database.read() as session:
+            amounts = [day.amounts["energy_kcal"] for day in session.scalars(sa.select(ReferenceDay))]
+        assert amounts in ([1, 1], [2, 2], [3, 3])
 
 
 HEAD = "participant,local_date,energy_kcal\n"
