@@ -194,7 +194,7 @@ class Person:
         now, mark = datetime.now(UTC), self.mark
         day = {"status": "closed", "ate_nothing": False, "changed_at": now, "change_seq": 0}
         add(DiaryDay, local_date=meal.local_date, study_id=meal.study_id, **day)
-        add(ReferenceDay, local_date=meal.local_date, amounts={f"of {mark}": 1.0})
+        add(ReferenceDay, local_date=meal.local_date, amounts={"energy_kcal": 1840.0})
         add(DayEvent, local_date=meal.local_date, kind="closed", layer="participant", author=mark)
         camera = {"marker": "plain:9x7:11", "camera": {}, "rms_px": 0.2, "photographs": 9}
         add(CameraCalibration, model=mark, author=mark, **camera)
