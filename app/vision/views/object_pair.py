@@ -52,10 +52,11 @@ class CoinInBoth:
 
 @dataclass(frozen=True, slots=True)
 class ObjectRig:
-    """The rig that two photographs make. coins: what may be the coin in both, left and right, the likeliest first."""
+    """The rig that two photographs make. coins: what may be the coin in both, the likeliest first. matches: count."""
 
     rig: StereoRig
     coins: tuple[CoinInBoth, ...]
+    matches: int
 
 
 def rig_of_object(
@@ -116,7 +117,7 @@ def rig_of_object(
         source="object",
         up=(up_x, up_y, up_z),
     )
-    return ObjectRig(rig, tuple(coins[:MOST_COINS]))
+    return ObjectRig(rig, tuple(coins[:MOST_COINS]), int(count))
 
 
 def _in_both(

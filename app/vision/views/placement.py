@@ -32,7 +32,7 @@ from app.vision.views.depth_parallax import place_by_depth
 from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
-from app.vision.views.object_pair import in_scale, rig_of_object
+from app.vision.views.object_pair import ObjectRig, in_scale, rig_of_object
 from app.vision.views.object_view import place_by_object
 from app.vision.views.pose_doubt import volume_doubt
 from app.vision.views.reconstruction import Reconstruction, plane_points
@@ -58,7 +58,7 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
 # Cosine of the optical axis and the table's normal, which looks up: within 30 degrees of straight down. Whoever takes
 # one photograph so, and another in which neither the reference nor a match is found, takes that one from the side.
 MOST_FROM_ABOVE = -0.87
-_Objects = tuple[Camera, Sequence[MaybeCoin]]  # a photograph's camera, and what may be the coin
+NEAR_MATCHES = 40  # by which two views are near; ECUSTFD's from above and from the side have fewer, 21 of 22
 MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
 
 
@@ -249,15 +249,24 @@ def views_by_object(
         if isinstance(left, Failure):
             return left
         right = None if pair.right is None else _find_objects(pair.right, known, options, "right")
-    if right is not None and not isinstance(right, Failure):
-        placed = _pair_by_object(pair, known, (left, right), options, trace)
-        if placed is not None:
-            return placed
-        trace.forget_pair()
     camera, coins = left
     alone = place_by_object(pair.left, camera, coins[0].ellipse, known)
+    side = _side_of(alone, pair.right)
+    if right is not None and not isinstance(right, Failure):
+        with trace.stage("camera"):
+            made = rig_of_object(pair, (camera, right[0]), (coins, right[1]), known)
+        if made is not None:
+            placed = _pair_by_object(pair, known, made, options, trace)
+            if placed is not None:
+                return placed
+            trace.forget_pair()
+        there = place_by_object(pair.both[1], right[0], right[1][0].ellipse, known)
+        # On the table it is seen at a slant or nearly as from the left; what stands there looks round.
+        is_near = made is not None and made.matches >= NEAR_MATCHES
+        if is_near or there.first.rotation[2, 2] > MOST_FROM_ABOVE:
+            side = None
     trace.keep_single(alone)
-    return Placement(alone, "object", side=_side_of(alone, pair.right))
+    return Placement(alone, "object", side=side)
 
 
 def _side_of(alone: SingleView, right: Photo | None) -> Photo | None:
@@ -268,16 +277,11 @@ def _side_of(alone: SingleView, right: Photo | None) -> Photo | None:
 def _pair_by_object(
     pair: PhotoPair,
     known: KnownObject,
-    seen: tuple[_Objects, _Objects],
+    made: ObjectRig,
     options: EstimateOptions,
     trace: ViewsTrace,
 ) -> Placement | None:
-    """Return both views by matches, in the coin's scale. seen: what _find_objects found in both photographs."""
-    left, right = seen
-    with trace.stage("camera"):
-        made = rig_of_object(pair, (left[0], right[0]), (left[1], right[1]), known)
-    if made is None:
-        return None
+    """Return both views by the rig of their matches, in the coin's scale."""
     for rig in (made.rig, replace(made.rig, up=None)):  # a small coin tells the tilt badly
         placed = views_by_rig(pair, rig, options, trace)
         if isinstance(placed, Failure) or trace.refined is None:
@@ -291,7 +295,7 @@ def _pair_by_object(
 
 def _find_objects(
     photo: Photo, known: KnownObject, options: EstimateOptions, side: str
-) -> _Objects | Failure:
+) -> tuple[Camera, Sequence[MaybeCoin]] | Failure:
     """Return a photograph's camera and what may be the coin in it, the likeliest first."""
     camera = _camera_of(photo, options)
     if isinstance(camera, Failure):
