@@ -31,7 +31,7 @@ CallerKind = Literal["address", "device", "staff"]
 # bits that a network gives to one customer: who has one such address has 2^64 of them
 IPV6_HOME = 64
 UPLOAD_PATHS = re.compile(
-    r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations|packaged-foods/photograph)$"
+    r"^/v1/(meals(/[^/]+(/images/[^/]+(/upload)?|/after)?)?|checks|calibrations|barcodes)$"
 )
 EXPORT_PATHS = re.compile(r"/export$|/exports/[^/]+/file$|/releases/[^/]+/(files/|check$)")
 BACKGROUND_PATHS = re.compile(r"/(exports|releases)$")

@@ -1,4 +1,4 @@
-"""/v1/packaged-foods: a packaged food by its barcode, typed or photographed. Nothing is kept."""
+"""/v1/packaged-foods and /v1/barcodes: a packaged food by its barcode, typed or photographed. Nothing is kept."""
 
 from dataclasses import asdict
 from typing import Annotated
@@ -24,12 +24,12 @@ from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
 
-router = APIRouter(prefix="/v1/packaged-foods", tags=["foods"])
+router = APIRouter(tags=["foods"])
 
 SECONDS = 10.0  # limit of one photograph: many times the need of a slow machine
 
 
-@router.get("/{barcode}", responses=problem_responses(401, 404, 422))
+@router.get("/v1/packaged-foods/{barcode}", responses=problem_responses(401, 404, 422))
 def get_packaged_food(
     state: State,
     _: CurrentCaller,
@@ -42,7 +42,7 @@ def get_packaged_food(
 
 
 @router.post(
-    "/photograph",
+    "/v1/barcodes",
     responses=problem_responses(400, 401, 403, 404, 410, 413, 415, 422, 503),
     openapi_extra=PHOTO_BODY,
 )

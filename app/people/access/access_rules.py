@@ -219,7 +219,7 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/foods/{key}": ANY,
     "GET /v1/food-groups": ANY,
     "GET /v1/packaged-foods/{barcode}": ANY,
-    "POST /v1/packaged-foods/photograph": DEVICE,
+    "POST /v1/barcodes": DEVICE,
     "GET /v1/reference-intakes": ANY,
     "POST /v1/foods": ADMIN,
     "PATCH /v1/foods/{key}": ADMIN,

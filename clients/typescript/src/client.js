@@ -425,7 +425,7 @@ export class TadaClient {
     const barcode = await detectBarcode(photograph);
     if (barcode !== null) return this.getPackagedFood(barcode, options);
     const headers = { "Content-Type": "application/octet-stream" };
-    return this.#json("POST", "/v1/packaged-foods/photograph", { seconds: UPLOAD_SECONDS, ...options, headers, body: photograph });
+    return this.#json("POST", "/v1/barcodes", { seconds: UPLOAD_SECONDS, ...options, headers, body: photograph });
   }
 
   /**

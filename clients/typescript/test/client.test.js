@@ -346,9 +346,9 @@ test("barcode is read by the platform where it can, else by the server", async (
     delete globalThis.BarcodeDetector;
   }
   assert.deepEqual(requests.map(({ method, url }) => `${method} ${url}`), [
-    "POST /v1/packaged-foods/photograph",
+    "POST /v1/barcodes",
     "GET /v1/packaged-foods/3017620422003",
-    "POST /v1/packaged-foods/photograph",
+    "POST /v1/barcodes",
   ]);
   assert.equal(requests[0].body.toString(), "pack");
 });

@@ -42,8 +42,8 @@ def test_nested_values_are_columns_and_null_is_an_empty_cell(client, admin, enro
     assert study["after_window_minutes"] == "90"
     assert study["retention_days"] == ""
     assert table(client, admin, "/v1/studies", "ndjson")[0]["retention_days"] is None
-    assert {*told} - {"camera"} <= set(study)
-    assert study["camera_fx"] == ""
+    assert {*told} - {"camera", "double_review"} <= set(study)
+    assert (study["camera_fx"], study["double_review_share"]) == ("", "")
 
 
 def test_empty_list_still_has_its_header(client, admin, enrol):

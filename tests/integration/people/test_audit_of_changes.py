@@ -23,7 +23,7 @@ from tests.unit.vision.test_rig import FILE as RIG_FILE
 IMAGE = "/v1/meals/{meal_id}/images/{slot}"
 UNNOTED = {
     ("POST", "/v1/checks"): "judges a pair and keeps nothing",
-    ("POST", "/v1/packaged-foods/photograph"): "reads a barcode and keeps nothing",
+    ("POST", "/v1/barcodes"): "reads a barcode and keeps nothing",
     (
         "POST",
         "/v1/calibrations",

@@ -29,7 +29,7 @@ def pixels(encoded):
 
 def photograph_of(phone, content):
     headers = phone.headers | {"Content-Type": "application/octet-stream"}
-    return phone.client.post("/v1/packaged-foods/photograph", headers=headers, content=content)
+    return phone.client.post("/v1/barcodes", headers=headers, content=content)
 
 
 def declare(phone, food, amount):
