@@ -135,6 +135,8 @@ class Participant(Base):
 
     alias: the participant's name in the audit log; only this row connects it to a person.
     starts_on: local day that is the participant's study day 1; NULL: the day of the first meal.
+    arm, visit: the study's own labels. excluded: why their data are left out of the analysis; NULL:
+    they are not.
     profile: NULL if nothing is known. favourites: named lists of foods and amounts, as FavouriteIn.
     """
 
@@ -145,6 +147,9 @@ class Participant(Base):
     code: Mapped[str] = mapped_column(sa.String(64))
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     starts_on: Mapped[date | None]
+    arm: Mapped[str | None] = mapped_column(sa.String(64))
+    visit: Mapped[str | None] = mapped_column(sa.String(64))
+    excluded: Mapped[str | None] = mapped_column(sa.String(200))
     profile: Mapped[Profile | None] = mapped_column(JsonValue)
     favourites: Mapped[list[dict[str, object]] | None] = mapped_column(JsonValue)
     withdrawn_at: Mapped[datetime | None]

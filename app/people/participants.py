@@ -2,8 +2,8 @@
 
 import uuid
 from collections.abc import Mapping
-from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import cast
 
 from sqlalchemy.orm import Session
@@ -22,17 +22,18 @@ from app.people.profiles import PROFILE_KEYS, Profile, person_at_age
 from app.people.studies import load_study
 from app.people.tombstones import is_code_spent
 
+COLUMNS = ("starts_on", "arm", "visit", "excluded")  # that staff set
+
 
 @dataclass(frozen=True, slots=True)
 class ParticipantChange:
     """A change of a participant. profile: checked values by PROFILE_KEYS; None removes a key.
 
-    moves_start: whether to set starts_on.
+    columns: new values by COLUMNS.
     """
 
     profile: Mapping[str, object]
-    moves_start: bool = False
-    starts_on: date | None = None
+    columns: Mapping[str, object] = field(default_factory=dict)
 
 
 def create_participant(
@@ -99,7 +100,7 @@ def read_participant(database: Database, study_code: str, code: str) -> Particip
 def change_participant(
     database: Database, caller: StaffCaller, study_code: str, code: str, change: ParticipantChange
 ) -> Participant:
-    """Change a participant's profile and first day.
+    """Change a participant's profile and COLUMNS.
 
     Raises NotFoundError, InvalidInputError, ConflictError (`participant_withdrawn`).
     """
@@ -142,9 +143,10 @@ def _apply(participant: Participant, change: ParticipantChange) -> list[str]:
     fields = sorted(key for key in PROFILE_KEYS if before.get(key) != profile.get(key))
     if fields:
         participant.profile = profile or None
-    if change.moves_start and participant.starts_on != change.starts_on:
-        participant.starts_on = change.starts_on
-        fields.append("starts_on")
+    for name, value in change.columns.items():
+        if getattr(participant, name) != value:
+            setattr(participant, name, value)
+            fields.append(name)
     return fields
 
 

@@ -13,7 +13,7 @@ from app.people.access.deps import CurrentStaff, State
 from app.people.access.secret_box import SecretBox
 from app.people.devices import capture_link, enrolment_text, issue_enrolment_code, qr_png, qr_svg
 from app.people.models import Participant
-from app.people.participants import ParticipantChange
+from app.people.participants import COLUMNS, ParticipantChange
 from app.people.schemas import (
     EnrolmentCodeOut,
     ParticipantIn,
@@ -69,7 +69,7 @@ def patch_participant(
     state: State,
     caller: CurrentStaff,
 ) -> ParticipantOut:
-    """Change the named fields of profile and first day; null removes a key of the profile."""
+    """Change the named fields; null removes one, also of the profile."""
     return _render(
         participants.change_participant(state.database, caller, study, participant, change_of(body))
     )
@@ -127,13 +127,19 @@ def change_of(
     body: ParticipantIn | ParticipantPatch,
     *,
     also: Mapping[str, None] | None = None,
-    moves_start: bool = False,
+    sets_all: bool = False,
 ) -> ParticipantChange:
-    """Return the change that a body describes. also: further keys to remove; moves_start: set starts_on if unnamed."""
+    """Return the change that a body describes.
+
+    also: further keys of the profile to remove. sets_all: also COLUMNS that are not named.
+    """
     return ParticipantChange(
         profile={**(also or {}), **body.profile.model_dump(exclude_unset=True, mode="json")},
-        moves_start=moves_start or "starts_on" in body.model_fields_set,
-        starts_on=body.starts_on,
+        columns={
+            name: getattr(body, name)
+            for name in COLUMNS
+            if sets_all or name in body.model_fields_set
+        },
     )
 
 

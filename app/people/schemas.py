@@ -48,6 +48,10 @@ DayStart = Annotated[
 DOUBLE_REVIEW = (
     "Which items two reviewers decide without seeing each other (docs/review.md); null: none."
 )
+Label = Annotated[Text, Field(min_length=1, max_length=64)]
+ARM = "The study's arm that they are in; null: none was set."
+VISIT = "The visit that they are at; null: none was set."
+EXCLUDED = "Why their data are left out of the analysis; null: they are not."
 ClockTime = Annotated[str, Field(pattern=r"^(?:[01]\d|2[0-3]):[0-5]\d$")]
 ReminderTimes = Annotated[
     list[ClockTime],
@@ -253,31 +257,36 @@ class ProfileIn(BaseModel):
     )
 
 
-class ParticipantIn(BaseModel):
+class ParticipantFields(BaseModel):
+    """What staff set of a participant beside the profile."""
+
+    starts_on: LocalDay | None = Field(
+        default=None, description="Local day that is day 1; null: that of the first meal."
+    )
+    arm: Label | None = Field(default=None, description=ARM)
+    visit: Label | None = Field(default=None, description=VISIT)
+    excluded: Text | None = Field(default=None, min_length=1, max_length=200, description=EXCLUDED)
+
+
+class ParticipantIn(ParticipantFields):
     """A new participant, by a code that says nothing about the person."""
 
     model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"code": "P001"}})
 
     code: Code
-    starts_on: LocalDay | None = Field(
-        default=None, description="Local day that is day 1; null: that of the first meal."
-    )
     profile: ProfileIn = Field(
         default_factory=ProfileIn, description="The person's profile; empty by default."
     )
 
 
-class ParticipantPatch(BaseModel):
-    """A change of a participant's named fields. null removes a key of the profile."""
+class ParticipantPatch(ParticipantFields):
+    """A change of a participant's named fields. null removes one, also of the profile."""
 
     model_config = ConfigDict(
         extra="forbid",
         json_schema_extra={"example": {"profile": {"sex": "female", "birth_year": 1990}}},
     )
 
-    starts_on: LocalDay | None = Field(
-        default=None, description="Local day that is day 1; null: that of the first meal."
-    )
     profile: ProfileIn = Field(default_factory=ProfileIn, description="Only the named keys change.")
 
 
@@ -288,6 +297,9 @@ class ParticipantRow(BaseModel):
     starts_on: date | None = Field(
         description="Local day that is day 1; null: that of the first meal."
     )
+    arm: str | None = Field(description=ARM)
+    visit: str | None = Field(description=VISIT)
+    excluded: str | None = Field(description=EXCLUDED)
     withdrawn_at: datetime | None = Field(
         description="When they left the study; null: they are in it."
     )

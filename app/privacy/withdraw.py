@@ -239,6 +239,7 @@ def _anonymise(
         device.clock_skew_seconds = device.last_used_at = None
     participant.code, participant.alias = f"{WITHDRAWN}-{secrets.token_hex(8)}", uuid.uuid4()
     participant.profile = participant.favourites = None
+    participant.visit = participant.excluded = None  # free text; the arm stays, as what was eaten
     number = records.next_change_seq(session, participant.study_id)
     privacy.touch_records_and_days(session, participant.id, number)
     return counts | {"meals_anonymised": len(meals)}

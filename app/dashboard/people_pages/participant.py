@@ -59,10 +59,9 @@ def post_profile(page: CurrentPage, study: str, participant: str, fields: Fields
     profile = {key: with_point(values[key]) for key in PROFILE_KEYS if values.get(key)}
     emptied = {key: None for key in PROFILE_KEYS if key not in profile}
     try:
-        body = read_form(
-            ParticipantPatch, {"profile": profile, "starts_on": values.get("starts_on", "")}
-        )
-        change = change_of(body, also=emptied, moves_start=True)
+        columns = {name: values.get(name, "") for name in participants.COLUMNS}
+        body = read_form(ParticipantPatch, {"profile": profile, **columns})
+        change = change_of(body, also=emptied, sets_all=True)
         participants.change_participant(page.database, page.caller, study, participant, change)
     except (InvalidInputError, ConflictError) as error:
         return _participant(page, study, participant, form=refused(error))

@@ -127,6 +127,14 @@ PARTICIPANT_COLUMNS = (
         meaning="The local day that is study day 1.",
         empty="It is that of the first meal.",
     ),
+    Column("arm", "word", meaning="The study's arm that they are in.", empty="None was set."),
+    Column("visit", "word", meaning="The visit that they are at.", empty="None was set."),
+    Column(
+        "excluded",
+        "word",
+        meaning="Why their data are left out of the analysis.",
+        empty="They are not.",
+    ),
     Column(
         "enrolled_at",
         "instant",

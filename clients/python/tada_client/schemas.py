@@ -598,14 +598,20 @@ class PairPosesIn(TypedDict):
 
 
 class ParticipantIn(TypedDict):
-    code: str
     starts_on: NotRequired[str | None]
+    arm: NotRequired[str | None]
+    visit: NotRequired[str | None]
+    excluded: NotRequired[str | None]
+    code: str
     profile: NotRequired["ProfileIn"]
 
 
 class ParticipantOut(TypedDict):
     code: str
     starts_on: str | None
+    arm: str | None
+    visit: str | None
+    excluded: str | None
     withdrawn_at: str | None
     created_at: str
     profile: "ProfileIn"

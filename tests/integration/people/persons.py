@@ -80,6 +80,7 @@ class Person:
         with state.database.write() as session:
             person = session.scalars(sa.select(Participant).where(Participant.code == mark)).one()
             person.profile = {"sex": "female", "note": mark}
+            person.visit, person.excluded = f"seen by {mark}", f"{mark} moved away"
             person.favourites = [{"name": f"breakfast of {mark}", "items": []}]
             meal = session.scalars(sa.select(Meal).where(Meal.participant_id == person.id)).one()
             self.participant_id, self.meal_id, self.device_id = person.id, meal.id, meal.device_id

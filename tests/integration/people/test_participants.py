@@ -40,6 +40,21 @@ def test_profile_changes_by_key_null_takes_one_away_and_the_first_day_moves_when
     assert owner.patch(participant, json={"starts_on": None}).json()["starts_on"] is None
 
 
+def test_arm_visit_and_exclusion_are_set_kept_and_taken_away_and_stand_in_list_and_file(owner, participant):
+    labels = {"arm": "low salt", "visit": "baseline", "excluded": "moved away"}
+    assert owner.patch(participant, json=labels).json().items() >= labels.items()
+    assert owner.patch(participant, json={"visit": "week 4", "excluded": None}).json()["arm"] == "low salt"
+    (row,) = owner.get(PEOPLE).json()["items"]
+    assert (row["arm"], row["visit"], row["excluded"]) == ("low salt", "week 4", None)
+    header, values = owner.get(f"{PEOPLE}?format=csv").text.splitlines()
+    of_file = dict(zip(header.split(","), values.split(","), strict=True))
+    assert (of_file["arm"], of_file["visit"], of_file["excluded"]) == ("low salt", "week 4", "")
+    for refused in ({"arm": ""}, {"visit": "v" * 65}, {"excluded": "e" * 201}):
+        assert owner.patch(participant, json=refused).status_code == 422
+    added = owner.post(PEOPLE, json={"code": "P2", "arm": "control"}).json()
+    assert (added["arm"], added["visit"]) == ("control", None)
+
+
 def test_profile_that_cannot_be_is_refused(owner, participant):
     for code, profiles in {
         "profile_impossible": (
