@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
@@ -22,6 +22,8 @@ from app.diary.overview_schemas import (
     PersonDayOut,
     PlaceOut,
 )
+from app.diary.progress import Order, ProgressFilter, study_progress
+from app.diary.progress_schemas import ProgressOut
 from app.diary.schemas import AdequacyOut, SummaryOut
 from app.diary.study_overview import note_overview_export, study_overview
 from app.http.file_formats import FORMATS, attachment
@@ -36,6 +38,7 @@ from app.people.access.deps import CurrentDevice, CurrentStaff, State
 router = APIRouter()
 overviews = APIRouter(prefix="/v1/studies", tags=["days"])
 
+MOST_CODES = 500  # in an address
 Part = Literal[
     "participants",
     "completeness",
@@ -128,6 +131,35 @@ def get_adequacy(
     return judge_study(
         state.database, staff, study, component, first_day=first_day, last_day=last_day
     )
+
+
+def progress_filter(
+    participant: Annotated[
+        list[str] | None,
+        Query(max_length=MOST_CODES, description="Only this participant, by code; any of several."),
+    ] = None,
+    arm: Annotated[str, Query(max_length=64, description="Only of this arm.")] = "",
+    visit: Annotated[str, Query(max_length=64, description="Only at this visit.")] = "",
+    order: Annotated[
+        Order, Query(description="Those who are most behind first; participant: by code.")
+    ] = "participant",
+    first_day: FirstDay = None,
+    last_day: LastDay = None,
+) -> ProgressFilter:
+    """Read which participants, in which order, and the days to count."""
+    codes = participant or ()
+    return ProgressFilter(codes, arm or None, visit or None, order, first_day, last_day)
+
+
+ProgressFilterIn = Annotated[ProgressFilter, Depends(progress_filter)]
+
+
+@lists.get("/{study}/progress", responses=problem_responses(401, 403, 404, 422))
+def get_progress(
+    study: StudyCode, state: State, staff: CurrentStaff, chosen: ProgressFilterIn
+) -> ProgressOut:
+    """Who is behind: a row per participant; without a range, days are the 28 up to yesterday."""
+    return study_progress(state.database, staff, study, chosen)
 
 
 summaries = APIRouter(prefix="/v1", tags=["feedback"])

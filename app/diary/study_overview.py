@@ -345,6 +345,12 @@ def _days_until(first: date, last: date) -> list[date]:
     return [first + timedelta(days=number) for number in range((last - first).days + 1)]
 
 
+def expected_span(person: Person, first: date, last: date, today: date) -> tuple[date, date]:
+    """Return the first and the last day of a window expected of a participant; reversed if none is."""
+    begin = max(person.first_day or date.max, first)
+    return begin, _last_expected(person.withdrawn_at, last, today)
+
+
 def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
     """Return the last day of the window expected of a participant.
 

@@ -1,6 +1,7 @@
 """The participants' phones, and what is printed for them: sheets of enrolment codes, and the marker as a PDF."""
 
 import uuid
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Annotated
@@ -72,10 +73,11 @@ def post_revocation(page: CurrentPage, study: str, device_id: uuid.UUID) -> Resp
 
 @router.get(ENROL)
 def get_enrol(
-    page: CurrentPage, participant: Annotated[str, Query(max_length=64)] = ""
+    page: CurrentPage, participant: Annotated[Sequence[str], Query(max_length=500)] = ()
 ) -> Response:
     """The form that asks for participants' codes."""
-    return page.render("enrol.html", cards=[], refused=[], codes=participant, has_app=False)
+    codes = " ".join(participant)
+    return page.render("enrol.html", cards=[], refused=[], codes=codes, has_app=False)
 
 
 @router.post(ENROL)

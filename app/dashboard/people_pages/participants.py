@@ -1,8 +1,10 @@
-"""A study's participants by code, their mean intakes, adequacy by group; adding participants."""
+"""A study's participants: who is behind, closing their days, adding some; mean intakes, adequacy by group."""
 
 import re
 from collections.abc import Mapping, Sequence
-from datetime import date
+from contextlib import suppress
+from dataclasses import replace
+from datetime import UTC, date, datetime, timedelta
 from types import MappingProxyType
 from typing import Annotated
 
@@ -10,13 +12,16 @@ from fastapi import APIRouter, Query
 from pydantic import ValidationError
 from starlette.responses import Response
 
-from app.core.errors import ConflictError
+from app.core.errors import ConflictError, InvalidInputError, PreconditionFailedError
 from app.dashboard.forms import Fields, form_values
 from app.dashboard.page import CurrentPage, Page
 from app.dashboard.people_pages.devices import MOST_CARDS
 from app.diary import api as diary_api
 from app.diary import day_summaries
 from app.diary.adequacy import find_component, judge_study
+from app.diary.api import ProgressFilterIn
+from app.diary.diary import ParticipantRef, set_day
+from app.diary.progress import ProgressFilter, study_progress
 from app.diary.schemas import AdequacyOut
 from app.exports.lists import days_api
 from app.http.flat_list import ListRoute
@@ -24,13 +29,15 @@ from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
 from app.nutrition.components import HEADLINES
 from app.people import participants
-from app.people.access.page_rules import STUDY_PAGES
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.people.access.secret_box import SecretBox
 from app.people.schemas import ParticipantIn
 
 router = APIRouter(include_in_schema=False, route_class=ListRoute)
 
 PARTICIPANTS_A_PAGE = 100
+ENDED_AFTER = timedelta(days=2)  # a study's day that starts at noon, in the westernmost zone
+EVERYBODY = ProgressFilter()
 NO_CODES: Mapping[str, Sequence[str]] = MappingProxyType({})
 MOST_AT_ONCE = 500
 USUAL_COMPONENT = "vitamin_c_mg"
@@ -45,14 +52,53 @@ _RANGE = re.compile(
 ComponentIn = Annotated[str, Query(max_length=64)]
 
 # the API's lists as files
+router.add_api_route(f"{STUDY_PAGES}/files/progress", diary_api.get_progress, methods=["GET"])
 router.add_api_route(f"{STUDY_PAGES}/files/intakes", days_api.get_intakes, methods=["GET"])
 router.add_api_route(f"{STUDY_PAGES}/files/adequacy", diary_api.get_adequacy, methods=["GET"])
 
 
 @router.get(f"{STUDY_PAGES}/participants")
-def get_participants(page: CurrentPage, study: str, cursor: Cursor = None) -> Response:
-    """The participants, including those who have left."""
-    return _participants(page, study, cursor)
+def get_participants(
+    page: CurrentPage,
+    study: str,
+    chosen: ProgressFilterIn,
+    cursor: Annotated[int, Query(ge=0)] = 0,
+) -> Response:
+    """How far the participants are, including those who have left. cursor: rows to pass over."""
+    return _participants(page, study, chosen, cursor=cursor)
+
+
+@router.post(f"{STUDY_PAGES}/closed-days")
+def post_closed_days(
+    page: CurrentPage, study: str, chosen: ProgressFilterIn, fields: Fields
+) -> Response:
+    """Close the participants' open days that have ended everywhere and that nobody has closed or reopened."""
+    codes = [str(code) for code in fields.getlist("participant")]
+    if not codes:
+        raise InvalidInputError("Mark one participant at least.")
+    marked = replace(chosen, participants=codes)
+    progress = study_progress(page.database, page.caller, study, marked)
+    ended = datetime.now(UTC).date() - ENDED_AFTER
+    open_days = [(row, day) for row in progress.items for day in row.open_days if day <= ended]
+    closed = 0
+    for row, day in open_days:
+        with suppress(PreconditionFailedError, ConflictError):
+            person = ParticipantRef(study, row.code)
+            never_told = frozenset({0})
+            set_day(
+                page.database,
+                page.caller,
+                day,
+                "closed",
+                expected=never_told,
+                participant_ref=person,
+            )
+            closed += 1
+    query = page.request.url.query
+    return page.redirect(
+        f"{study_address(study, 'participants')}?{query}",
+        f"{closed} day{' was' if closed == 1 else 's were'} closed, of {len(progress.items)} participants.",
+    )
 
 
 @router.post(f"{STUDY_PAGES}/participants")
@@ -72,7 +118,7 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     else:
         wrong = [_wrong_code(code) for code in codes if not _is_code(code)]
     if wrong:
-        return _participants(page, study, None, entered=entered, wrong=wrong, status=422)
+        return _participants(page, study, entered=entered, wrong=wrong, status=422)
     refused: dict[str, list[str]] = {"participant_exists": [], "participant_code_spent": []}
     for code in codes:
         try:
@@ -87,9 +133,7 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
             refused[error.code].append(code)
     taken = {code for codes_of_error in refused.values() for code in codes_of_error}
     added = [code for code in codes if code not in taken]
-    return _participants(
-        page, study, None, refused=refused, added=added, status=409 if taken else 201
-    )
+    return _participants(page, study, refused=refused, added=added, status=409 if taken else 201)
 
 
 @router.get(f"{STUDY_PAGES}/intakes")
@@ -198,8 +242,9 @@ def _wrong_code(code: str) -> str:
 def _participants(
     page: Page,
     study: str,
-    cursor: str | None,
+    chosen: ProgressFilter = EVERYBODY,
     *,
+    cursor: int = 0,
     entered: str = "",
     wrong: Sequence[str] = (),
     refused: Mapping[str, Sequence[str]] = NO_CODES,
@@ -207,14 +252,17 @@ def _participants(
     status: int = 200,
 ) -> Response:
     """entered: stays in the field; wrong: why nobody was added; refused: error code -> participants."""
-    listed = participants.list_participants(
-        page.database, study, cursor=cursor, limit=PARTICIPANTS_A_PAGE
-    )
+    progress = study_progress(page.database, page.caller, study, chosen)
+    behind = cursor + PARTICIPANTS_A_PAGE
+    sends = page.state.settings.push_contact is not None
     return page.render(
         "participants.html",
         status=status,
-        rows=listed.rows,
-        next=listed.cursor,
+        rows=progress.items[cursor:behind],
+        next=behind if behind < len(progress.items) else None,
+        progress=progress,
+        chosen=chosen,
+        may_remind=sends and "reminders" in page.request.app.state.features,
         entered=entered,
         wrong=wrong,
         existing=refused.get("participant_exists", ()),

@@ -1,31 +1,41 @@
-"""/v1/me/reminders: a phone's reminders by Web Push."""
+"""/v1/me/reminders: a phone's reminders by Web Push. /v1/studies/{study}/reminders: staff remind participants."""
 
+from dataclasses import replace
 from typing import Annotated
 
 from fastapi import APIRouter, FastAPI, Response
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue
 
 from app.core.settings import Settings
+from app.dashboard.forms import Fields, read_form
+from app.dashboard.page import CurrentPage
 from app.extras.reminders import subscriptions
+from app.extras.reminders.remind_now import RemindedOut, remind_now
 from app.extras.reminders.subscriptions import Reminders, ReminderSettings
 from app.extras.reminders.web_push import VapidKey, bytes_of, is_receiver
+from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import Text
 from app.meals.stored.meal_time import require_zone
-from app.people.access.access_rules import DEVICE, rules_of
-from app.people.access.deps import CurrentDevice, State
+from app.people.access.access_rules import DEVICE, REVIEWER, rules_of
+from app.people.access.deps import CurrentDevice, CurrentStaff, State
+from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.people.access.secret_box import SecretBox
-from app.people.schemas import ClockTime, ReminderTimes
+from app.people.schemas import ClockTime, Code, ReminderTimes
 from app.people.studies_api import clock, minutes_of
 from app.webhooks.safe_address import parse_target
 
 router = APIRouter(prefix="/v1/me/reminders", tags=["me"])
+of_studies = APIRouter(prefix="/v1/studies", tags=["participants"])
+pages = APIRouter(include_in_schema=False)
 
 CALLS = {
     "GET /v1/me/reminders": DEVICE,
     "PUT /v1/me/reminders": DEVICE,
     "DELETE /v1/me/reminders": DEVICE,
+    "POST /v1/studies/{study}/reminders": REVIEWER,
 }
+PAGE = f"{STUDY_PAGES}/reminders"
 # of the examples
 BROWSER_KEY = (
     "BCVxsr7N_eNgVRqvHtD0zTZsEc6-VV-JvLexhqUzORcxaOzi6-AYWXvTBHm4bjyPjs7Vd8pZGH6SRpkNtoIAiw4"
@@ -45,8 +55,11 @@ EXAMPLE: dict[str, JsonValue] = {
 def install(app: FastAPI) -> None:
     """Add the routes to an app; a worker sends (send_reminders.py)."""
     app.state.rules |= rules_of(CALLS)
+    app.state.rules["POST", PAGE] = replace(REVIEWER, session=True, page=True)
     app.state.features.append("reminders")
     app.include_router(router)
+    app.include_router(of_studies)
+    app.include_router(pages)
 
 
 class PushKeys(BaseModel):
@@ -135,6 +148,43 @@ class RemindersOut(BaseModel):
     time_zone: str | None = Field(description="In which its times are meant; null: not subscribed.")
     quiet_from: str | None = Field(description="HH:MM; null: not subscribed.")
     quiet_until: str | None = Field(description="HH:MM; null: not subscribed.")
+
+
+class RemindIn(BaseModel):
+    """Who is to be reminded now."""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"example": {"participants": ["P001"]}}
+    )
+
+    participants: list[Code] = Field(
+        min_length=1, max_length=500, description="Participants' codes."
+    )
+
+
+@of_studies.post("/{study}/reminders", responses=problem_responses(401, 403, 404, 409, 422))
+def post_reminders(
+    study: StudyCode, body: RemindIn, state: State, caller: CurrentStaff
+) -> RemindedOut:
+    """Remind participants of their meals now."""
+    is_on = state.settings.push_contact is not None
+    return remind_now(state.database, caller, study, body.participants, is_on=is_on)
+
+
+@pages.post(PAGE)
+def post_reminders_page(page: CurrentPage, study: str, fields: Fields) -> Response:
+    """Remind the participants who are marked, and tell who was not reached."""
+    body = read_form(RemindIn, {"participants": fields.getlist("participant")})
+    told = post_reminders(study, body, page.state, page.caller)
+    notice = f"{len(told.reminded)} of {len(body.participants)} participants are reminded."
+    for codes, why in (
+        (told.quiet, "quiet hours now"),
+        (told.unreached, "no phone wants reminders"),
+    ):
+        if codes:
+            notice += f" {len(codes)}: {why}."
+    query = page.request.url.query
+    return page.redirect(f"{study_address(study, 'participants')}?{query}", notice)
 
 
 @router.get("", responses=problem_responses(401, 403, 410))

@@ -1,7 +1,7 @@
 """SQL of subscriptions: those that are due, and meals whose after-meal window ends soon."""
 
 import uuid
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime, timedelta
 
 import sqlalchemy as sa
@@ -63,6 +63,20 @@ def windows_ending(
     )
     rows = session.execute(query.with_for_update(of=PushSubscription, skip_locked=True))
     return [(row.PushSubscription, row.after_due_at) for row in rows]
+
+
+def of_participants(
+    session: Session, study_id: uuid.UUID, codes: Collection[str]
+) -> Sequence[tuple[PushSubscription, str]]:
+    """Return locked subscriptions of a study's participants, with the participant's code."""
+    query = (
+        _of_phones()
+        .add_columns(Participant.code)
+        .where(Participant.study_id == study_id, Participant.code.in_(codes))
+        .order_by(Participant.code, PushSubscription.device_id)
+    )
+    rows = session.execute(query.with_for_update(of=PushSubscription))
+    return [(row.PushSubscription, row.code) for row in rows]
 
 
 def remove_subscription(

@@ -133,7 +133,7 @@ class SendReminders:
                 before = row.after_reminded_at
                 is_first = before is None or before < ends_at  # of several meals
                 row.after_reminded_at = max(before or ends_at, ends_at)
-                zone = _zone(row)
+                zone = zone_of(row)
                 if (
                     is_first
                     and zone is not None
@@ -239,14 +239,15 @@ class SendReminders:
 
 def _schedule(row: PushSubscription, study_times: Sequence[str], now: datetime) -> bool:
     """Set when the phone is reminded next. Returns False, and puts it off, if its time zone is not known here."""
-    if _zone(row) is None:
+    if zone_of(row) is None:
         row.next_at = now + LOOK_AGAIN
         return False
     row.next_at = next_at(row, study_times, now)
     return True
 
 
-def _zone(row: PushSubscription) -> ZoneInfo | None:
+def zone_of(row: PushSubscription) -> ZoneInfo | None:
+    """Return the phone's time zone; None if this machine does not know it."""
     try:
         return ZoneInfo(row.time_zone)
     except (

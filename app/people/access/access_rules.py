@@ -152,6 +152,7 @@ CALLS: Mapping[str, Rule] = {
     "GET /v1/studies/{study}/overview": VIEWER,
     "PUT /v1/studies/{study}/reference-days": OWNER,
     "GET /v1/studies/{study}/reference-agreement": VIEWER,
+    "GET /v1/studies/{study}/progress": VIEWER,
     # before a meal: checks and the phone's camera
     "POST /v1/checks": DEVICE,
     "POST /v1/calibrations": DEVICE,

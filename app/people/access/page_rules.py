@@ -74,7 +74,9 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET ~/blind/{item}/picture": "GET ~/review-queue",
         "GET ~/agreement": "GET ~/decisions",
         # participants
-        "GET ~/participants": "GET ~/participants",
+        "GET ~/participants": "GET ~/progress",
+        "GET ~/files/progress": "GET ~/progress",
+        "POST ~/closed-days": "PUT ~/participants/{participant}/days/{day}",
         "POST ~/participants": "POST ~/participants",
         "GET ~/participants/{participant}": "GET ~/participants/{participant}",
         "POST ~/participants/{participant}/profile": "PATCH ~/participants/{participant}",

@@ -439,3 +439,23 @@ class TestOff:
         assert (answer["available"], answer["public_key"]) == (False, None)
         refused = phone.put(PATH, json=wanted(browser))
         assert (refused.status_code, refused.json()["code"]) == (409, "reminders_off")
+
+
+def test_staff_remind_participants_at_once_but_not_in_their_quiet_hours(
+    phone, browser, state, service, remind, client, admin, enrol
+):
+    night = (datetime.now(UTC) - timedelta(hours=1), datetime.now(UTC) + timedelta(hours=1))
+    quiet = {"quiet_from": f"{night[0]:%H:%M}", "quiet_until": f"{night[1]:%H:%M}", "time_zone": "UTC"}
+    never_quiet = {"quiet_from": "22:00", "quiet_until": "22:00", "time_zone": "UTC"}
+    phone.put(PATH, json=wanted(browser, times=None, **never_quiet))
+    enrol("P002").put(PATH, json=wanted(Browser(), 2, times=None, **quiet))
+    enrol("P003")
+    target = "/v1/studies/pilot/reminders"
+    told = client.post(target, headers=admin, json={"participants": ["P003", "P002", "P001"]})
+    assert told.json() == {"reminded": ["P001"], "quiet": ["P002"], "unreached": ["P003"]}, told.text
+    assert remind(datetime.now(UTC)) == 1
+    assert json.loads(browser.read(service.requests[0].content)) == {"kind": "meal"}
+    assert remind(datetime.now(UTC) + timedelta(days=1)) == 0, "without times only once"
+    log = client.get("/v1/studies/pilot/audit", headers=admin, params={"action": "participants.remind"}).json()
+    assert [event["details"] for event in log["items"]] == [{"count": 1}]
+    assert client.post(target, headers=phone.headers, json={"participants": ["P001"]}).status_code == 403

@@ -1,0 +1,131 @@
+"""Who is behind: one row per participant of a study, by how far they are.
+
+Days are those of the overview's window. Last entries, questions, meals and phones are of now.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+from statistics import fmean
+from typing import Literal
+
+from sqlalchemy.orm import Session
+
+from app.db.session import Database
+from app.diary.day_definition import CountedDay
+from app.diary.diary import day_range
+from app.diary.overview_queries import Window
+from app.diary.progress_queries import participants_now
+from app.diary.progress_schemas import ProgressOut, ProgressRowOut
+from app.diary.schemas import PlausibilityOut
+from app.diary.study_days import judge_days
+from app.diary.study_overview import DEFAULT_DAYS, expected_span
+from app.meals.stored.meal_time import latest_day
+from app.people.access.caller import Caller
+from app.people.models import Study
+from app.people.profiles import Profile
+from app.people.schemas import ParticipantRow
+from app.people.studies import enter_study
+
+Order = Literal[
+    "participant", "last_entry", "complete", "questions", "unmeasured", "seen", "energy"
+]
+Place = Callable[[ProgressRowOut], date | float]
+VERDICTS = ("low", "high", "unknown", "plausible")
+NEVER = datetime(1970, 1, 1, tzinfo=UTC)
+PLACES: Mapping[Order, Place] = {  # the smaller, the further behind
+    "last_entry": lambda row: row.last_entry or date.min,
+    "complete": lambda row: row.complete_days / row.expected_days if row.expected_days else 1.0,
+    "questions": lambda row: -row.open_questions,
+    "unmeasured": lambda row: -(row.failed_meals + row.waiting_meals),
+    "seen": lambda row: row.phone_seen_at or NEVER,
+    "energy": lambda row: VERDICTS.index(row.plausibility.verdict),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressFilter:
+    """Which participants, and in which order: those who are most behind first.
+
+    participants: codes; none: all. first_day, last_day: the window; by default the 28 days up to
+        yesterday (UTC)
+    """
+
+    participants: Collection[str] = ()
+    arm: str | None = None
+    visit: str | None = None
+    order: Order = "participant"
+    first_day: date | None = None
+    last_day: date | None = None
+
+
+def study_progress(
+    database: Database, caller: Caller, study_code: str, chosen: ProgressFilter
+) -> ProgressOut:
+    """Return how far the participants are.
+
+    Raises NotFoundError, InvalidInputError (`days_reversed`, `days_too_many`).
+    """
+    yesterday = datetime.now(UTC).date() - timedelta(days=1)
+    first, last = day_range(chosen.first_day, chosen.last_day, yesterday, DEFAULT_DAYS)
+    with database.read() as session:
+        study = enter_study(session, caller, study_code)
+        rows = progress_rows(session, study, first, last)
+    rows = [
+        row
+        for row in rows
+        if (not chosen.participants or row.code in chosen.participants)
+        and chosen.arm in (None, row.arm)
+        and chosen.visit in (None, row.visit)
+    ]
+    if chosen.order != "participant":
+        place = PLACES[chosen.order]
+        rows.sort(key=lambda row: (not row.is_in, place(row)))
+    return ProgressOut(first_day=first, last_day=last, items=rows)
+
+
+def progress_rows(session: Session, study: Study, first: date, last: date) -> list[ProgressRowOut]:
+    """Return all participants of a study by code. first, last: the window, both included."""
+    window = Window(session, study.id, first, last)
+    counted = window.days()
+    persons = {person.id: person for person in window.persons(counted)}
+    days_of = defaultdict(list)
+    for day in counted:
+        days_of[day.participant_id].append(day)
+    today = latest_day(datetime.now(UTC))
+    rows = []
+    for now in participants_now(session, study.id):
+        person = now.Participant
+        days = days_of[person.id]
+        begin, end = expected_span(persons[person.id], first, last, today)
+        rows.append(
+            ProgressRowOut(
+                **ParticipantRow.model_validate(person, from_attributes=True).model_dump(),
+                enrolled_at=now.enrolled_at,
+                last_entry=max(filter(None, (now.last_meal, now.last_closed)), default=None),
+                expected_days=max(0, (end - begin).days + 1),
+                complete_days=sum(
+                    day.is_complete for day in days if begin <= day.local_date <= end
+                ),
+                open_days=[day.local_date for day in days if day.meals and not day.is_closed],
+                open_questions=now.open_questions or 0,
+                failed_meals=now.failed_meals or 0,
+                waiting_meals=now.waiting_meals or 0,
+                phone_seen_at=now.phone_seen_at,
+                plausibility=_energy(person.profile, days, last),
+            )
+        )
+    return rows
+
+
+def _energy(profile: Profile | None, days: Sequence[CountedDay], last: date) -> PlausibilityOut:
+    amounts = [day.whole_amount("energy_kcal") for day in days]
+    whole = [amount for amount in amounts if amount is not None]
+    judged = judge_days(
+        profile,
+        days[-1].local_date if days else last,
+        fmean(whole) if whole else None,
+        len(whole),
+    )
+    return PlausibilityOut.model_validate(judged, from_attributes=True)
