@@ -61,6 +61,7 @@ STUDY: Mapping[str, tuple[Entry, ...]] = {
         Entry(("participants",), "Participants"),
         Entry(("devices",), "Devices"),
         Entry(("enrol",), "Cards", "owner"),
+        Entry(("flow",), "Flow"),
     ),
     "Results": (
         Entry(("intakes",), "Intakes"),

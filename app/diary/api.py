@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Literal, get_args
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Query, Response
 from pydantic import BaseModel, JsonValue
 
 from app.core.errors import InvalidInputError
@@ -22,8 +22,8 @@ from app.diary.overview_schemas import (
     PersonDayOut,
     PlaceOut,
 )
-from app.diary.progress import Order, ProgressFilter, study_progress
-from app.diary.progress_schemas import ProgressOut
+from app.diary.progress import study_flow, study_progress
+from app.diary.progress_schemas import FlowOut, ProgressFilterIn, ProgressOut
 from app.diary.schemas import AdequacyOut, SummaryOut
 from app.diary.study_overview import note_overview_export, study_overview
 from app.http.file_formats import FORMATS, attachment
@@ -33,12 +33,12 @@ from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import LocalDay
+from app.nutrition.intakes.compare_intake import MIN_DAYS
 from app.people.access.deps import CurrentDevice, CurrentStaff, State
 
 router = APIRouter()
 overviews = APIRouter(prefix="/v1/studies", tags=["days"])
 
-MOST_CODES = 500  # in an address
 Part = Literal[
     "participants",
     "completeness",
@@ -133,33 +133,26 @@ def get_adequacy(
     )
 
 
-def progress_filter(
-    participant: Annotated[
-        list[str] | None,
-        Query(max_length=MOST_CODES, description="Only this participant, by code; any of several."),
-    ] = None,
-    arm: Annotated[str, Query(max_length=64, description="Only of this arm.")] = "",
-    visit: Annotated[str, Query(max_length=64, description="Only at this visit.")] = "",
-    order: Annotated[
-        Order, Query(description="Those who are most behind first; participant: by code.")
-    ] = "participant",
-    first_day: FirstDay = None,
-    last_day: LastDay = None,
-) -> ProgressFilter:
-    """Read which participants, in which order, and the days to count."""
-    codes = participant or ()
-    return ProgressFilter(codes, arm or None, visit or None, order, first_day, last_day)
-
-
-ProgressFilterIn = Annotated[ProgressFilter, Depends(progress_filter)]
-
-
 @lists.get("/{study}/progress", responses=problem_responses(401, 403, 404, 422))
 def get_progress(
     study: StudyCode, state: State, staff: CurrentStaff, chosen: ProgressFilterIn
 ) -> ProgressOut:
     """Who is behind: a row per participant; without a range, days are the 28 up to yesterday."""
     return study_progress(state.database, staff, study, chosen)
+
+
+LeastDays = Annotated[
+    int,
+    Query(ge=1, le=366, description="Complete days with which a participant is analysed."),
+]
+
+
+@lists.get("/{study}/flow", responses=problem_responses(401, 403, 404, 422))
+def get_flow(
+    study: StudyCode, state: State, staff: CurrentStaff, least_days: LeastDays = MIN_DAYS
+) -> FlowOut:
+    """The study's flow from registered to analysed participants, by arm."""
+    return study_flow(state.database, staff, study, least_days)
 
 
 summaries = APIRouter(prefix="/v1", tags=["feedback"])

@@ -1,36 +1,40 @@
-"""Who is behind: one row per participant of a study, by how far they are.
+"""How far the participants of a study are: who is behind, and the study's flow as CONSORT asks for it.
 
 Days are those of the overview's window. Last entries, questions, meals and phones are of now.
 """
 
-from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, date, datetime, timedelta
 from statistics import fmean
-from typing import Literal
 
 from sqlalchemy.orm import Session
 
 from app.db.session import Database
 from app.diary.day_definition import CountedDay
 from app.diary.diary import day_range
-from app.diary.overview_queries import Window
+from app.diary.overview_queries import Window, first_day_of
 from app.diary.progress_queries import participants_now
-from app.diary.progress_schemas import ProgressOut, ProgressRowOut
+from app.diary.progress_schemas import (
+    FlowOut,
+    FlowRowOut,
+    Order,
+    ProgressFilter,
+    ProgressOut,
+    ProgressRowOut,
+    Stage,
+)
 from app.diary.schemas import PlausibilityOut
 from app.diary.study_days import judge_days
 from app.diary.study_overview import DEFAULT_DAYS, expected_span
 from app.meals.stored.meal_time import latest_day
 from app.people.access.caller import Caller
 from app.people.models import Study
+from app.people.privacy_queries import count_erased_participants
 from app.people.profiles import Profile
 from app.people.schemas import ParticipantRow
 from app.people.studies import enter_study
 
-Order = Literal[
-    "participant", "last_entry", "complete", "questions", "unmeasured", "seen", "energy"
-]
 Place = Callable[[ProgressRowOut], date | float]
 VERDICTS = ("low", "high", "unknown", "plausible")
 NEVER = datetime(1970, 1, 1, tzinfo=UTC)
@@ -42,22 +46,6 @@ PLACES: Mapping[Order, Place] = {  # the smaller, the further behind
     "seen": lambda row: row.phone_seen_at or NEVER,
     "energy": lambda row: VERDICTS.index(row.plausibility.verdict),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class ProgressFilter:
-    """Which participants, and in which order: those who are most behind first.
-
-    participants: codes; none: all. first_day, last_day: the window; by default the 28 days up to
-        yesterday (UTC)
-    """
-
-    participants: Collection[str] = ()
-    arm: str | None = None
-    visit: str | None = None
-    order: Order = "participant"
-    first_day: date | None = None
-    last_day: date | None = None
 
 
 def study_progress(
@@ -76,8 +64,8 @@ def study_progress(
         row
         for row in rows
         if (not chosen.participants or row.code in chosen.participants)
-        and chosen.arm in (None, row.arm)
-        and chosen.visit in (None, row.visit)
+        and chosen.arm in ("", row.arm)
+        and chosen.visit in ("", row.visit)
     ]
     if chosen.order != "participant":
         place = PLACES[chosen.order]
@@ -129,3 +117,36 @@ def _energy(profile: Profile | None, days: Sequence[CountedDay], last: date) -> 
         len(whole),
     )
     return PlausibilityOut.model_validate(judged, from_attributes=True)
+
+
+def study_flow(database: Database, caller: Caller, study_code: str, least_days: int) -> FlowOut:
+    """Count a study's participants by stage, arm and reason; each stands in one row, also the erased ones.
+
+    least_days: complete days with which a participant is analysed. Raises NotFoundError.
+    """
+    today = latest_day(datetime.now(UTC))
+    with database.read() as session:
+        study = enter_study(session, caller, study_code)
+        first = first_day_of(session, study.id) or today
+        rows = progress_rows(session, study, first, today)
+        erased = count_erased_participants(session, study.id)
+    counts = Counter((*_stage(row, least_days), row.arm) for row in rows)
+    if erased:
+        counts["withdrawn", None, None] += erased
+    return FlowOut(
+        items=[
+            FlowRowOut(stage=stage, reason=reason, arm=arm, participants=number)
+            for (stage, reason, arm), number in sorted(counts.items(), key=str)
+        ]
+    )
+
+
+def _stage(row: ProgressRowOut, least_days: int) -> tuple[Stage, str | None]:
+    """Return the stage, and the reason for an exclusion."""
+    if row.withdrawn_at is not None:
+        return "withdrawn", None
+    if row.excluded is not None:
+        return "excluded", row.excluded
+    if row.enrolled_at is None:
+        return "not_enrolled", None
+    return "analysed" if row.complete_days >= least_days else "too_few_days", None

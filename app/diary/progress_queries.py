@@ -8,12 +8,11 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Session
 
 from app.diary.day_definition import count_where
+from app.diary.overview_queries import AFTER_PENDING
 from app.meals.stored.event_models import DiaryDay
 from app.meals.stored.models import Meal
 from app.people.models import Device, Participant
 from app.records.page_queries import waits_for_answer, was_asked
-
-WAITING = ("receiving", "queued", "processing")
 
 
 def participants_now(session: Session, study_id: uuid.UUID) -> Sequence[sa.Row[Any]]:
@@ -31,7 +30,7 @@ def participants_now(session: Session, study_id: uuid.UUID) -> Sequence[sa.Row[A
         Meal.participant_id,
         sa.func.max(Meal.local_date).label("last_meal"),
         count_where(Meal.status == "failed").label("failed_meals"),
-        count_where(Meal.status.in_(WAITING)).label("waiting_meals"),
+        count_where(Meal.status.in_(AFTER_PENDING)).label("waiting_meals"),
         count_where(sa.and_(was_asked(), waits_for_answer(Meal.id))).label("open_questions"),
     ).where(Meal.study_id == study_id)
     closed = sa.select(

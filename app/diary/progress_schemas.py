@@ -1,14 +1,44 @@
-"""HTTP schemas of who is behind, and of a study's flow."""
+"""HTTP schemas of how far participants are, and of a study's flow."""
 
+from dataclasses import dataclass
 from datetime import date, datetime
-from typing import Literal
+from typing import Annotated, Literal
 
+from fastapi import Depends, Query
 from pydantic import BaseModel, Field
 
 from app.diary.schemas import PlausibilityOut
-from app.people.schemas import ParticipantRow
+from app.http.parameters import FirstDay, LastDay
+from app.people.schemas import ARM, ParticipantRow
 
+Order = Literal[
+    "participant", "last_entry", "complete", "questions", "unmeasured", "seen", "energy"
+]
 Stage = Literal["withdrawn", "excluded", "not_enrolled", "too_few_days", "analysed"]
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressFilter:
+    """Which participants, in which order, and the days to count: by default the 28 up to yesterday (UTC)."""
+
+    participants: Annotated[
+        list[str] | None,
+        Query(
+            alias="participant",
+            max_length=500,
+            description="Only this participant, by code; any of several.",
+        ),
+    ] = None
+    arm: Annotated[str, Query(max_length=64, description="Only of this arm.")] = ""
+    visit: Annotated[str, Query(max_length=64, description="Only at this visit.")] = ""
+    order: Annotated[
+        Order, Query(description="Those who are most behind first; participant: by code.")
+    ] = "participant"
+    first_day: FirstDay = None
+    last_day: LastDay = None
+
+
+ProgressFilterIn = Annotated[ProgressFilter, Depends()]
 
 
 class ProgressRowOut(ParticipantRow):
@@ -49,3 +79,20 @@ class ProgressOut(BaseModel):
     first_day: date = Field(description="First local day of the window.")
     last_day: date = Field(description="Last local day of the window.")
     items: list[ProgressRowOut] = Field(description="One per participant that was chosen.")
+
+
+class FlowRowOut(BaseModel):
+    """Participants of one arm at one stage."""
+
+    stage: Stage = Field(
+        description="The first that holds: withdrawn, excluded, not_enrolled (without a phone), too_few_days, analysed."
+    )
+    reason: str | None = Field(description="Why they are excluded; null: they are not.")
+    arm: str | None = Field(description=ARM)
+    participants: int = Field(description="Number of participants; erased ones have no arm.")
+
+
+class FlowOut(BaseModel):
+    """Where a study's participants stand; each is counted in one row."""
+
+    items: list[FlowRowOut] = Field(description="By stage, reason and arm.")

@@ -293,9 +293,9 @@ def _expected(
     """Return the number of participants expected on each day; None: in the future."""
     changes: dict[date, int] = defaultdict(int)  # from the day before
     for person in persons:
-        end = _last_expected(person.withdrawn_at, window[-1], today)
-        if person.first_day is not None and person.first_day <= end:
-            changes[max(person.first_day, window[0])] += 1
+        begin, end = expected_span(person, window[0], window[-1], today)
+        if begin <= end:
+            changes[begin] += 1
             if end < window[-1]:
                 changes[end + timedelta(days=1)] -= 1
     expected: dict[date, int | None] = {}
@@ -312,9 +312,9 @@ def _days_of_persons(
     """Yield each participant's days; expected days are those that `_overview_days` counts."""
     day_of = {(day.participant_id, day.local_date): day for day in counted}
     for person in persons:
-        end = _last_expected(person.withdrawn_at, window[-1], today)
+        begin, end = expected_span(person, window[0], window[-1], today)
         for local_date in window:
-            is_expected = person.first_day is not None and person.first_day <= local_date <= end
+            is_expected = begin <= local_date <= end
             day = day_of.get((person.id, local_date))
             if is_expected or day is not None:
                 is_closed, meals = (day.is_closed, day.meals) if day is not None else (False, 0)
@@ -347,16 +347,8 @@ def _days_until(first: date, last: date) -> list[date]:
 
 def expected_span(person: Person, first: date, last: date, today: date) -> tuple[date, date]:
     """Return the first and the last day of a window expected of a participant; reversed if none is."""
-    begin = max(person.first_day or date.max, first)
-    return begin, _last_expected(person.withdrawn_at, last, today)
-
-
-def _last_expected(withdrawn_at: datetime | None, last: date, today: date) -> date:
-    """Return the last day of the window expected of a participant.
-
-    withdrawn_at: None if they have not left.
-    """
-    return min(last, today, _left_on(withdrawn_at) if withdrawn_at is not None else last)
+    left_on = last if person.withdrawn_at is None else _left_on(person.withdrawn_at)
+    return max(person.first_day or date.max, first), min(last, today, left_on)
 
 
 def _left_on(withdrawn_at: datetime) -> date:

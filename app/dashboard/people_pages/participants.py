@@ -19,15 +19,17 @@ from app.dashboard.people_pages.devices import MOST_CARDS
 from app.diary import api as diary_api
 from app.diary import day_summaries
 from app.diary.adequacy import find_component, judge_study
-from app.diary.api import ProgressFilterIn
+from app.diary.api import LeastDays
 from app.diary.diary import ParticipantRef, set_day
-from app.diary.progress import ProgressFilter, study_progress
+from app.diary.progress import study_flow, study_progress
+from app.diary.progress_schemas import ProgressFilter, ProgressFilterIn
 from app.diary.schemas import AdequacyOut
 from app.exports.lists import days_api
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, require_order
 from app.http.parameters import FirstDay, LastDay
 from app.nutrition.components import HEADLINES
+from app.nutrition.intakes.compare_intake import MIN_DAYS
 from app.people import participants
 from app.people.access.page_rules import STUDY_PAGES, study_address
 from app.people.access.secret_box import SecretBox
@@ -53,6 +55,7 @@ ComponentIn = Annotated[str, Query(max_length=64)]
 
 # the API's lists as files
 router.add_api_route(f"{STUDY_PAGES}/files/progress", diary_api.get_progress, methods=["GET"])
+router.add_api_route(f"{STUDY_PAGES}/files/flow", diary_api.get_flow, methods=["GET"])
 router.add_api_route(f"{STUDY_PAGES}/files/intakes", days_api.get_intakes, methods=["GET"])
 router.add_api_route(f"{STUDY_PAGES}/files/adequacy", diary_api.get_adequacy, methods=["GET"])
 
@@ -84,20 +87,15 @@ def post_closed_days(
     for row, day in open_days:
         with suppress(PreconditionFailedError, ConflictError):
             person = ParticipantRef(study, row.code)
-            never_told = frozenset({0})
+            version = frozenset({0})  # nobody has closed or reopened it
             set_day(
-                page.database,
-                page.caller,
-                day,
-                "closed",
-                expected=never_told,
-                participant_ref=person,
+                page.database, page.caller, day, "closed", expected=version, participant_ref=person
             )
             closed += 1
     query = page.request.url.query
     return page.redirect(
         f"{study_address(study, 'participants')}?{query}",
-        f"{closed} day{' was' if closed == 1 else 's were'} closed, of {len(progress.items)} participants.",
+        f"Open days that were closed: {closed}.",
     )
 
 
@@ -134,6 +132,13 @@ def post_participants(page: CurrentPage, study: str, fields: Fields) -> Response
     taken = {code for codes_of_error in refused.values() for code in codes_of_error}
     added = [code for code in codes if code not in taken]
     return _participants(page, study, refused=refused, added=added, status=409 if taken else 201)
+
+
+@router.get(f"{STUDY_PAGES}/flow")
+def get_flow(page: CurrentPage, study: str, least_days: LeastDays = MIN_DAYS) -> Response:
+    """The study's flow, from registered to analysed participants."""
+    flow = study_flow(page.database, page.caller, study, least_days)
+    return page.render("flow.html", rows=flow.items, least_days=least_days)
 
 
 @router.get(f"{STUDY_PAGES}/intakes")
@@ -254,7 +259,6 @@ def _participants(
     """entered: stays in the field; wrong: why nobody was added; refused: error code -> participants."""
     progress = study_progress(page.database, page.caller, study, chosen)
     behind = cursor + PARTICIPANTS_A_PAGE
-    sends = page.state.settings.push_contact is not None
     return page.render(
         "participants.html",
         status=status,
@@ -262,7 +266,6 @@ def _participants(
         next=behind if behind < len(progress.items) else None,
         progress=progress,
         chosen=chosen,
-        may_remind=sends and "reminders" in page.request.app.state.features,
         entered=entered,
         wrong=wrong,
         existing=refused.get("participant_exists", ()),

@@ -177,12 +177,8 @@ def post_reminders_page(page: CurrentPage, study: str, fields: Fields) -> Respon
     body = read_form(RemindIn, {"participants": fields.getlist("participant")})
     told = post_reminders(study, body, page.state, page.caller)
     notice = f"{len(told.reminded)} of {len(body.participants)} participants are reminded."
-    for codes, why in (
-        (told.quiet, "quiet hours now"),
-        (told.unreached, "no phone wants reminders"),
-    ):
-        if codes:
-            notice += f" {len(codes)}: {why}."
+    if told.unreached:
+        notice += " No phone of the others wants reminders, or it has quiet hours now."
     query = page.request.url.query
     return page.redirect(f"{study_address(study, 'participants')}?{query}", notice)
 

@@ -19,8 +19,9 @@ class RemindedOut(BaseModel):
     """Participants by code. A worker sends what is due, in about half a minute."""
 
     reminded: list[str] = Field(description="With a phone that is being reminded.")
-    quiet: list[str] = Field(description="Not reminded: their phones have quiet hours now.")
-    unreached: list[str] = Field(description="Not reminded: no phone of theirs wants reminders.")
+    unreached: list[str] = Field(
+        description="Without a phone that wants reminders, or all are in their quiet hours."
+    )
 
 
 def remind_now(
@@ -38,18 +39,13 @@ def remind_now(
     if not is_on:
         raise ConflictError("This server sends no reminders.", code="reminders_off")
     now = datetime.now(UTC)
-    reminded, subscribed = set(), set()
+    reminded: set[str] = set()
     with database.write() as session:
         study = enter_study(session, caller, study_code)
         for row, code in queries.of_participants(session, study.id, codes):
-            subscribed.add(code)
             zone = zone_of(row)
             if zone is not None and not is_quiet_for(row, now.astimezone(zone).time()):
                 row.next_at = now
                 reminded.add(code)
         audit.note(session, caller, "participants.remind", study_id=study.id, count=len(reminded))
-    return RemindedOut(
-        reminded=sorted(reminded),
-        quiet=sorted(subscribed - reminded),
-        unreached=sorted(set(codes) - subscribed),
-    )
+    return RemindedOut(reminded=sorted(reminded), unreached=sorted(set(codes) - reminded))

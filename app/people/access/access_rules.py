@@ -153,6 +153,7 @@ CALLS: Mapping[str, Rule] = {
     "PUT /v1/studies/{study}/reference-days": OWNER,
     "GET /v1/studies/{study}/reference-agreement": VIEWER,
     "GET /v1/studies/{study}/progress": VIEWER,
+    "GET /v1/studies/{study}/flow": VIEWER,
     # before a meal: checks and the phone's camera
     "POST /v1/checks": DEVICE,
     "POST /v1/calibrations": DEVICE,

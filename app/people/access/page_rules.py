@@ -76,6 +76,8 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         # participants
         "GET ~/participants": "GET ~/progress",
         "GET ~/files/progress": "GET ~/progress",
+        "GET ~/flow": "GET ~/flow",
+        "GET ~/files/flow": "GET ~/flow",
         "POST ~/closed-days": "PUT ~/participants/{participant}/days/{day}",
         "POST ~/participants": "POST ~/participants",
         "GET ~/participants/{participant}": "GET ~/participants/{participant}",

@@ -56,12 +56,12 @@ def test_closing_leaves_days_that_have_not_ended_or_that_were_reopened(client, a
     answer = coordinator.post(target, participant=["P1", "P2"])
     assert answer.status_code == 303
     assert answer.headers["location"].startswith(f"{PAGE}?from=")
-    assert "1 day was closed, of 2 participants." in coordinator.page(PAGE)
+    assert "Open days that were closed: 1." in coordinator.page(PAGE)
     days = client.get("/v1/studies/pilot/participants/P1/days", headers=admin).json()["items"]
     status = {(TODAY - date.fromisoformat(day["date"])).days: day["status"] for day in days}
     assert status == {0: "open", 3: "closed", 9: "open", 12: "closed"}
     assert coordinator.post(target, participant=["P1"]).status_code == 303
-    assert "0 days were closed" in coordinator.page(PAGE)
+    assert "Open days that were closed: 0." in coordinator.page(PAGE)
     assert coordinator.post(target).status_code == 422, "nobody is marked"
 
 
@@ -73,7 +73,7 @@ def test_marked_participants_are_reminded_or_named_and_cards_and_file_are_of_the
         coordinator.post("/dashboard/studies/pilot/reminders?order=seen", participant=["P1", "P2"]).status_code == 303
     )
     told = text_of(coordinator.page(PAGE))
-    assert "0 of 2 participants are reminded. 2: no phone wants reminders." in told
+    assert "0 of 2 participants are reminded. No phone of the others wants reminders" in told
     assert ">P1 P2</textarea>" in coordinator.page("/dashboard/studies/pilot/enrol", participant=["P1", "P2"])
     file = coordinator.get("/dashboard/studies/pilot/files/progress", format="csv", participant=["P2"]).text
     assert [line.split(",")[0] for line in file.splitlines()] == ["code", "P2"]

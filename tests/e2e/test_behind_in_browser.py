@@ -1,0 +1,96 @@
+"""A coordinator finds who is behind and reminds them in four clicks; the pages are legible, wide and narrow."""
+
+import os
+import re
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from app.extras.reminders.web_push import text_of
+from tests.e2e.browser import violations
+from tests.e2e.dashboard_server import PASSWORD, require
+from tests.integration.diary.eaten_days import add_meal, eaten_item
+from tests.support.push_services import Browser
+
+pytestmark = pytest.mark.slow
+
+STUDY = "/dashboard/studies/behind"
+TODAY = datetime.now(UTC).date()
+
+
+@pytest.fixture(scope="module")
+def behind(served):
+    """Three participants, of whom P002 has sent nothing and wants reminders."""
+    served.make_study("behind", "Who is behind")
+    served.make_staff("coco", behind="owner")
+    people = "/v1/studies/behind/participants"
+    for number, arm in ((1, "low salt"), (2, "low salt"), (3, "control")):
+        code = f"P00{number}"
+        with served.enrol(code, "behind") as phone:
+            require(served.admin.patch(f"{people}/{code}", json={"arm": arm, "visit": "week 4"}))
+            if number == 2:
+                require(phone.put("/v1/me/reminders", json=wanted(Browser())))
+        if number != 2:
+            for ago in range(2, 8):
+                add_meal(served, code, TODAY - timedelta(days=ago), eaten_item(), study="behind")
+    require(served.admin.patch(f"{people}/P003", json={"excluded": "moved away"}))
+    return served
+
+
+def wanted(browser):
+    keys = {"p256dh": text_of(browser.receiver.public_key), "auth": text_of(browser.receiver.auth)}
+    quiet = {"quiet_from": "22:00", "quiet_until": "22:00", "time_zone": "UTC", "times": None}
+    return {"subscription": {"endpoint": "https://push.example.org/send/abc", "keys": keys}} | quiet
+
+
+def require_legible(page, name):
+    """Nothing is wrong on the page, wide and narrow. TADA_TEST_PICTURES: a folder for what it looks like."""
+    for width in (1280, 390):
+        page.set_viewport_size({"width": width, "height": 900})
+        if folder := os.environ.get("TADA_TEST_PICTURES"):
+            page.screenshot(path=f"{folder}/{name}-{width}.png", full_page=True)
+        assert violations(page) == []
+    page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def test_coordinator_finds_who_is_behind_and_reminds_them_in_four_clicks(behind, open_page):
+    watched = open_page(behind.address)
+    watched.sign_in("coco", PASSWORD, STUDY)
+    page = watched.page
+    page.get_by_role("link", name="Participants", exact=True).click()
+    page.get_by_role("link", name="Last entry").click()
+    page.wait_for_url(re.compile("order=last_entry"))
+    require_legible(page, "behind")
+    page.get_by_label("Mark P002").check()
+    page.get_by_role("button", name="Remind").click()
+    page.wait_for_selector("text=1 of 1 participants are reminded.")
+    assert page.url.endswith("participants?order=last_entry"), "the address is kept"
+    require_legible(page, "reminded")
+
+
+def test_all_are_marked_at_once_and_closing_asks_first(behind, open_page):
+    watched = open_page(behind.address)
+    watched.sign_in("coco", PASSWORD, f"{STUDY}/participants")
+    page = watched.page
+    page.get_by_label("Mark all").check()
+    assert page.locator("td input:checked").count() == 2, "who is excluded cannot be marked"
+    questions = []
+    page.once("dialog", lambda dialog: (questions.append(dialog.message), dialog.dismiss()))
+    page.get_by_role("button", name="Close days").click()
+    assert "Days without an entry stay open" in questions[0]
+    page.once("dialog", lambda dialog: dialog.accept())
+    page.get_by_role("button", name="Close days").click()
+    page.wait_for_selector("text=Open days that were closed: 6.")
+    page.get_by_label("Mark all").check()
+    page.get_by_role("button", name="Print cards").click()
+    page.wait_for_url(re.compile("enrol"))
+    assert page.input_value("#participants") == "P001 P002"
+
+
+def test_flow_is_legible(behind, open_page):
+    watched = open_page(behind.address)
+    watched.sign_in("coco", PASSWORD, STUDY)
+    page = watched.page
+    page.get_by_role("link", name="Flow", exact=True).click()
+    page.wait_for_selector("text=Registered: 3")
+    require_legible(page, "flow")
