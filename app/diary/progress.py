@@ -142,11 +142,11 @@ def study_flow(database: Database, caller: Caller, study_code: str, least_days: 
 
 
 def _stage(row: ProgressRowOut, least_days: int) -> tuple[Stage, str | None]:
-    """Return the stage, and the reason for an exclusion."""
+    """Return the first stage that holds, and the reason for an exclusion."""
+    if row.enrolled_at is None:
+        return "not_enrolled", row.excluded
     if row.withdrawn_at is not None:
         return "withdrawn", None
     if row.excluded is not None:
         return "excluded", row.excluded
-    if row.enrolled_at is None:
-        return "not_enrolled", None
     return "analysed" if row.complete_days >= least_days else "too_few_days", None

@@ -14,7 +14,7 @@ from app.people.schemas import ARM, ParticipantRow
 Order = Literal[
     "participant", "last_entry", "complete", "questions", "unmeasured", "seen", "energy"
 ]
-Stage = Literal["withdrawn", "excluded", "not_enrolled", "too_few_days", "analysed"]
+Stage = Literal["not_enrolled", "withdrawn", "excluded", "too_few_days", "analysed"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,9 +85,11 @@ class FlowRowOut(BaseModel):
     """Participants of one arm at one stage."""
 
     stage: Stage = Field(
-        description="The first that holds: withdrawn, excluded, not_enrolled (without a phone), too_few_days, analysed."
+        description="The first that holds, in this order; not_enrolled: no phone ever was."
     )
-    reason: str | None = Field(description="Why they are excluded; null: they are not.")
+    reason: str | None = Field(
+        description="Why they are excluded, of those not enrolled or excluded; null: none was set."
+    )
     arm: str | None = Field(description=ARM)
     participants: int = Field(description="Number of participants; erased ones have no arm.")
 

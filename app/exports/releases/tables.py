@@ -28,7 +28,7 @@ HASHES = (
     "right_stored_sha256",
 )
 PERSONAL_COLUMNS = frozenset(  # emptied for an anonymised participant
-    {*HASHES, *(column.name for column in (*PLACE, *PROFILE))}
+    {*HASHES, "visit", "excluded", *(column.name for column in (*PLACE, *PROFILE))}
 )
 KEYS: Mapping[str, tuple[str, ...]] = {
     "items": ("id",),

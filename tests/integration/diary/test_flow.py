@@ -7,13 +7,13 @@ PEOPLE = "/v1/studies/pilot/participants"
 
 
 def make_study(client, admin, enrol, state):
-    """A1, A2 have two and one complete days; A3 has no phone; B1 is excluded; B2 left; B3's data are erased."""
+    """A1, A2 have two and one complete days; A3 never enrolled; B1 is excluded; B2 left; B3's data are erased."""
     for code, days in (("A1", 2), ("A2", 1), ("B1", 2), ("B2", 2), ("B3", 0)):
         phone = enrol(code, withdrawal_policy="keep")
         for number in range(1, days + 1):
             add_meal(state, code, f"2026-11-0{number}", eaten_item())
             close(phone, f"2026-11-0{number}")
-    client.post(PEOPLE, headers=admin, json={"code": "A3", "arm": "A"})
+    client.post(PEOPLE, headers=admin, json={"code": "A3", "arm": "A", "excluded": "no consent"})
     for code in ("A1", "A2", "B1", "B2", "B3"):
         client.patch(f"{PEOPLE}/{code}", headers=admin, json={"arm": code[0]})
     for code in ("B1", "B2"):
@@ -30,7 +30,7 @@ def test_each_participant_is_counted_once_also_the_erased(client, admin, enrol, 
     assert {(row["stage"], row["arm"], row["reason"]): row["participants"] for row in rows} == {
         ("analysed", "A", None): 1,
         ("too_few_days", "A", None): 1,
-        ("not_enrolled", "A", None): 1,
+        ("not_enrolled", "A", "no consent"): 1,
         ("excluded", "B", "<b>diabetes</b>"): 1,
         ("withdrawn", "B", None): 1,
         ("withdrawn", None, None): 1,

@@ -316,7 +316,8 @@ def test_release_without_erased_meals_equals_the_studys_current_days_and_a_new_r
 def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner, run, state, eaten, policy):
     profile = {"sex": "male", "birth_year": 1961, "height_cm": 201.5}
     for code in (MARKED, "P002"):
-        owner.patch(f"/v1/studies/pilot/participants/{code}", json={"profile": profile}).raise_for_status()
+        labels = {"arm": "low salt", "visit": f"{code} at week 4", "excluded": f"{code} moved away"}
+        owner.patch(f"/v1/studies/pilot/participants/{code}", json={"profile": profile} | labels).raise_for_status()
     release = frozen(owner, run, "baseline")
     owner.post("/v1/studies/pilot/exports", json={"rows": "items", "filters": {"participant": MARKED}})
     others = {table: [row for row in rows(owner, release, table) if row["participant"] != MARKED] for table in
@@ -333,6 +334,9 @@ def test_withdrawn_participant_is_in_no_release_by_any_name(client, admin, owner
         assert len(found) == (count[table] if is_kept else len(expected)), table
     profiles = [(row["sex"], row["height_cm"], row["age_years"]) for row in rows(owner, after, "participants")]
     assert sorted(profiles) == [("", "", "")] * (1 + is_kept) + [("male", "201.5", "65")]
+    labels = [(row["arm"], row["visit"], row["excluded"]) for row in rows(owner, after, "participants")]
+    kept = ("low salt", "P002 at week 4", "P002 moved away")
+    assert sorted(labels) == sorted([("low salt", "", "")] * is_kept + [("", "", "")] + [kept])
     if policy == "anonymise":
         for table in ("items", "meals"):
             key = "id" if table == "items" else "captured_at"
