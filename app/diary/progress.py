@@ -84,12 +84,11 @@ def progress_rows(session: Session, study: Study, first: date, last: date) -> li
     today = latest_day(datetime.now(UTC))
     rows = []
     for now in participants_now(session, study.id):
-        person = now.Participant
-        days = days_of[person.id]
-        begin, end = expected_span(persons[person.id], first, last, today)
+        days = days_of[now.id]
+        begin, end = expected_span(persons[now.id], first, last, today)
         rows.append(
             ProgressRowOut(
-                **ParticipantRow.model_validate(person, from_attributes=True).model_dump(),
+                **ParticipantRow.model_validate(now, from_attributes=True).model_dump(),
                 enrolled_at=now.enrolled_at,
                 last_entry=max(filter(None, (now.last_meal, now.last_closed)), default=None),
                 expected_days=max(0, (end - begin).days + 1),
@@ -101,7 +100,7 @@ def progress_rows(session: Session, study: Study, first: date, last: date) -> li
                 failed_meals=now.failed_meals or 0,
                 waiting_meals=now.waiting_meals or 0,
                 phone_seen_at=now.phone_seen_at,
-                plausibility=_energy(person.profile, days, last),
+                plausibility=_energy(now.profile, days, last),
             )
         )
     return rows

@@ -18,7 +18,7 @@ from app.records.page_queries import waits_for_answer, was_asked
 def participants_now(session: Session, study_id: uuid.UUID) -> Sequence[sa.Row[Any]]:
     """Return a study's participants by code, with how they stand now.
 
-    Columns: Participant, enrolled_at, phone_seen_at, last_meal, last_closed, failed_meals,
+    Columns: those of Participant, enrolled_at, phone_seen_at, last_meal, last_closed, failed_meals,
     waiting_meals, open_questions; None where there is nothing.
     """
     phones = sa.select(
@@ -36,11 +36,11 @@ def participants_now(session: Session, study_id: uuid.UUID) -> Sequence[sa.Row[A
     closed = sa.select(
         DiaryDay.participant_id, sa.func.max(DiaryDay.local_date).label("last_closed")
     ).where(DiaryDay.study_id == study_id, DiaryDay.status == "closed")
-    query = sa.select(Participant)
+    query = sa.select(Participant.__table__)
     for part in (phones, meals, closed):
         table = part.group_by("participant_id").subquery()
-        query = query.outerjoin(table, table.c.participant_id == Participant.id)
-        query = query.add_columns(*table.c)
+        participant_id, *figures = table.c
+        query = query.outerjoin(table, participant_id == Participant.id).add_columns(*figures)
     return session.execute(
         query.where(Participant.study_id == study_id).order_by(Participant.code)
     ).all()

@@ -9,8 +9,9 @@ folate, by mass) is not FOLDFE (dietary folate equivalents), VITA_RAE is not RET
 
 import csv
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from types import MappingProxyType
 from typing import Final, TypeVar
@@ -20,7 +21,8 @@ from app.core.units import Unit
 T = TypeVar("T")
 
 
-def packaged_rows(*path: str) -> list[dict[str, str]]:
+@cache  # a basal rate is looked up for each participant
+def packaged_rows(*path: str) -> Sequence[Mapping[str, str]]:
     """Return the rows of a CSV file by column. path: below app/nutrition."""
     text = resources.files("app.nutrition").joinpath(*path).read_text(encoding="utf-8")
     return list(csv.DictReader(text.splitlines()))

@@ -26,8 +26,7 @@ from app.people.studies_api import clock, minutes_of
 from app.webhooks.safe_address import parse_target
 
 router = APIRouter(prefix="/v1/me/reminders", tags=["me"])
-of_studies = APIRouter(prefix="/v1/studies", tags=["participants"])
-pages = APIRouter(include_in_schema=False)
+of_staff = APIRouter(tags=["participants"])
 
 CALLS = {
     "GET /v1/me/reminders": DEVICE,
@@ -58,8 +57,7 @@ def install(app: FastAPI) -> None:
     app.state.rules["POST", PAGE] = replace(REVIEWER, session=True, page=True)
     app.state.features.append("reminders")
     app.include_router(router)
-    app.include_router(of_studies)
-    app.include_router(pages)
+    app.include_router(of_staff)
 
 
 class PushKeys(BaseModel):
@@ -162,7 +160,9 @@ class RemindIn(BaseModel):
     )
 
 
-@of_studies.post("/{study}/reminders", responses=problem_responses(401, 403, 404, 409, 422))
+@of_staff.post(
+    "/v1/studies/{study}/reminders", responses=problem_responses(401, 403, 404, 409, 422)
+)
 def post_reminders(
     study: StudyCode, body: RemindIn, state: State, caller: CurrentStaff
 ) -> RemindedOut:
@@ -171,7 +171,7 @@ def post_reminders(
     return remind_now(state.database, caller, study, body.participants, is_on=is_on)
 
 
-@pages.post(PAGE)
+@of_staff.post(PAGE, include_in_schema=False)
 def post_reminders_page(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Remind the participants who are marked, and tell who was not reached."""
     body = read_form(RemindIn, {"participants": fields.getlist("participant")})

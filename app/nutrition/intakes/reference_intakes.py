@@ -112,7 +112,7 @@ def _by_stage() -> dict[LifeStage, tuple[ReferenceIntake, ...]]:
     return {stage: tuple(intakes) for stage, intakes in by_stage.items()}
 
 
-def _intake(nutrient: dict[str, str], row: dict[str, str]) -> ReferenceIntake:
+def _intake(nutrient: Mapping[str, str], row: Mapping[str, str]) -> ReferenceIntake:
     ear, rda, ai, ul, cdrr = (
         float(row[kind]) if row[kind] else None for kind in ("ear", "rda", "ai", "ul", "cdrr")
     )
