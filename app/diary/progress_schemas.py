@@ -12,7 +12,7 @@ from app.http.parameters import FirstDay, LastDay
 from app.people.schemas import ARM, ParticipantRow
 
 Order = Literal[
-    "participant", "last_entry", "complete", "questions", "unmeasured", "seen", "energy"
+    "last_entry", "participant", "complete", "questions", "unmeasured", "seen", "energy"
 ]
 Stage = Literal["not_enrolled", "withdrawn", "excluded", "too_few_days", "analysed"]
 
@@ -33,7 +33,7 @@ class ProgressFilter:
     visit: Annotated[str, Query(max_length=64, description="Only at this visit.")] = ""
     order: Annotated[
         Order, Query(description="Those who are most behind first; participant: by code.")
-    ] = "participant"
+    ] = "last_entry"
     first_day: FirstDay = None
     last_day: LastDay = None
 

@@ -59,6 +59,16 @@ document.addEventListener("change", (event) => {
   for (const box of event.target.form.querySelectorAll("td input[type=checkbox]")) box.checked = event.target.checked;
 });
 
+// with Shift, a checkbox of a table marks all from the last one that was clicked
+let lastBox = null;
+document.addEventListener("click", (event) => {
+  if (!event.target.matches("td input[type=checkbox]")) return;
+  const boxes = [...event.target.closest("table").querySelectorAll("td input[type=checkbox]")];
+  const ends = [boxes.indexOf(lastBox), boxes.indexOf(event.target)].sort((a, b) => a - b);
+  if (event.shiftKey && ends[0] >= 0) for (const box of boxes.slice(ends[0], ends[1])) box.checked = event.target.checked;
+  lastBox = event.target;
+});
+
 // <button data-print>
 document.addEventListener("click", (event) => {
   if (event.target.closest("[data-print]")) print();

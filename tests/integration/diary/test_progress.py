@@ -77,8 +77,8 @@ def test_those_who_are_most_behind_come_first_and_those_who_left_or_are_excluded
 ):
     enrol("P0")
     label(client, admin, "P0", excluded="moved away")
-    assert list(progress()) == ["P0", "P1", "P2", "P3"]
-    assert list(progress(order="last_entry")) == ["P2", "P1", "P3", "P0"]
+    assert list(progress(order="participant")) == ["P0", "P1", "P2", "P3"]
+    assert list(progress()) == ["P2", "P1", "P3", "P0"], "by the last entry"
     assert list(progress(order="complete")) == ["P1", "P2", "P3", "P0"]
     assert list(progress(order="energy")) == ["P1", "P2", "P3", "P0"]
     add_meal(state, "P3", "2026-11-02", status="failed")
@@ -88,7 +88,7 @@ def test_those_who_are_most_behind_come_first_and_those_who_left_or_are_excluded
 def test_filters_choose_and_the_file_has_the_same_rows(client, admin, pilot, progress):
     label(client, admin, "P1", arm="low salt", visit="week 4")
     label(client, admin, "P2", arm="low salt", visit="baseline")
-    assert list(progress(arm="low salt")) == ["P1", "P2"]
+    assert list(progress(arm="low salt")) == ["P2", "P1"]
     assert list(progress(arm="low salt", visit="week 4")) == ["P1"]
     assert list(progress(participant=["P3", "P1"])) == ["P1", "P3"]
     asked = WINDOW | {"format": "csv", "arm": "low salt", "order": "last_entry"}
