@@ -35,16 +35,16 @@ from app.people.profiles import Profile
 from app.people.schemas import ParticipantRow
 from app.people.studies import enter_study
 
-Place = Callable[[ProgressRowOut], date | float]
-VERDICTS = ("low", "high", "unknown", "plausible")
 NEVER = datetime(1970, 1, 1, tzinfo=UTC)
-PLACES: Mapping[Order, Place] = {  # the smaller, the further behind
+PLACES: Mapping[
+    Order, Callable[[ProgressRowOut], date | float]
+] = {  # the smaller, the further behind
     "last_entry": lambda row: row.last_entry or date.min,
     "complete": lambda row: row.complete_days / row.expected_days if row.expected_days else 1.0,
     "questions": lambda row: -row.open_questions,
     "unmeasured": lambda row: -(row.failed_meals + row.waiting_meals),
     "seen": lambda row: row.phone_seen_at or NEVER,
-    "energy": lambda row: VERDICTS.index(row.plausibility.verdict),
+    "energy": lambda row: row.plausibility.verdict not in ("low", "high"),
 }
 
 

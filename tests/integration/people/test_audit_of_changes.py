@@ -137,6 +137,7 @@ def call_of_meals(walk, state, admin, phone):
     keys = {"p256dh": text_of(receiver.public_key), "auth": text_of(receiver.auth)}
     subscription = {"endpoint": "https://push.example.org/a", "keys": keys}
     walk(phone, "PUT", "/v1/me/reminders", {"subscription": subscription, "time_zone": "Europe/Berlin"})
+    walk(admin, "POST", "/v1/studies/{study}/reminders", {"participants": ["P001"]}, **STUDY)
     walk(phone, "DELETE", "/v1/me/reminders")
     body = meal_metadata(hints=[{"point": [30, 20], "food": "apple"}])
     one = {"meal_id": body["id"]}
