@@ -173,12 +173,16 @@ class Person:
             kept = {"pair": "meal", "position": 0, "state": "kept", "reason": "other_items", "ended_at": now}
             add(RemeasuredPair, remeasurement_id=again.id, **kept)
             add(RemeasuredItem, remeasurement_id=again.id, item_id=item.id, is_changed=False)
-            of_two = {
-                "study_id": meal.study_id,
-                "item_id": item.id,
-                "staff_id": session.scalars(sa.select(Staff.id)).first(),
-            }
-            add(ReviewDecision, **of_two, is_final=False, food_key="apple", mass_g=80.0, decided_at=now)
+            add(
+                ReviewDecision,
+                study_id=meal.study_id,
+                item_id=item.id,
+                staff_id=session.scalars(sa.select(Staff.id)).first(),
+                is_final=False,
+                food_key="apple",
+                mass_g=80.0,
+                decided_at=now,
+            )
             add(
                 Leftover,
                 after_item_id=after.id,

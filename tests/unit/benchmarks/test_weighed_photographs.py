@@ -8,7 +8,7 @@ from benchmarks.weighed_photographs import HALVES, Measured, Photographed, half_
 
 
 def row(specimen, true_ml, coins, volume_ml=None, code=""):
-    shown = Photographed(Path("none.jpg"), specimen[:-1], specimen, true_ml, (0.0, 0.0), coins)
+    shown = Photographed(Path("none.jpg"), None, specimen[:-1], specimen, true_ml, (0.0, 0.0), coins)
     return Measured(shown, volume_ml, (0.9 * volume_ml, 1.1 * volume_ml) if volume_ml else None, code)
 
 
