@@ -4,8 +4,8 @@
 
 Reads photos/ecustfd of FOLDER (by default TADA_SHARED_DATA or ../shared), and density.xls there, which needs xlrd (dev
 extra). One photograph from above of each specimen, with --side that from the side as well, a 25 mm coin for the scale,
-the camera unknown; a point in the middle of its box says where the food is (beside a banana, which is bent around it),
-and with --told the form that the food table has for it counts. Specimens are split by their names in two
+the camera unknown; a point in the middle of what stands out in its box says where the food is, and with --told the form
+that the food table has for it counts. Specimens are split by their names in two
 halves: look at the other one rarely. Two yardsticks, each by the other specimens of the food: their mean volume, and
 their mean ratio of volume to the area of the food's box to the power of 1.5, in coins.
 """
@@ -20,10 +20,16 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
+
+from app.core.errors import Failure
 from app.meals.estimate.estimate_json import scale_by
 from app.meals.estimate.run_estimate import run_estimate
 from app.nutrition.foods import load_starter_table
+from app.vision.looks.vcm_region import MARGIN, SIDE_PX, Box, region_of_box
 from app.vision.model import EstimateOptions, FoodForm, Hint
+from app.vision.photograph.photo import read_photo
 from benchmarks.food_mass import TABLE_FOODS
 from tools.ecustfd import read_specimens
 from tools.food_index import MAX_PIXELS, NAME, boxes_of
@@ -73,12 +79,26 @@ def photographed(folder: Path, half: str) -> Iterator[Photographed]:
         if named["label"] not in boxes or "coin" not in boxes:
             continue
         taken.add(specimen)
-        x, y, width, height = boxes[named["label"]]
+        _, _, width, height = boxes[named["label"]]
         coins = width * height / (boxes["coin"][2] * boxes["coin"][3])
-        point = (x + width / 2, y + height / 2)
+        point = point_of(path, boxes[named["label"]])
         yield Photographed(
             path, side_of(path), named["label"], specimen, volumes[specimen], point, coins
         )
+
+
+def point_of(path: Path, box: Box) -> tuple[float, float]:
+    """Return the place, px, in what stands out in a box, farthest from its outline: on a banana, not beside it."""
+    x, y, width, height = box
+    pixels = read_photo(path.read_bytes(), max_pixels=MAX_PIXELS)
+    region = None if isinstance(pixels, Failure) else region_of_box(pixels.pixels_bgr, box)
+    if region is None:
+        return x + width / 2, y + height / 2
+    depth = cv2.distanceTransform(region.mask.astype(np.uint8), cv2.DIST_L2, 5)
+    row, column = np.unravel_index(depth.argmax(), depth.shape)
+    scale = SIDE_PX / max(width, height)
+    left, top = int(max(0.0, x - MARGIN * width)), int(max(0.0, y - MARGIN * height))
+    return left + float(column) / scale, top + float(row) / scale
 
 
 def side_of(above: Path) -> Path | None:
