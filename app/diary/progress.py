@@ -68,8 +68,8 @@ def study_progress(
         and chosen.visit in ("", row.visit)
     ]
     if chosen.order != "participant":
-        place = PLACES[chosen.order]
-        rows.sort(key=lambda row: (not row.is_in, place(row)))
+        place, share = PLACES[chosen.order], PLACES["complete"]
+        rows.sort(key=lambda row: (not row.is_in, place(row), share(row)))
     return ProgressOut(first_day=first, last_day=last, items=rows)
 
 

@@ -81,6 +81,7 @@ def test_those_who_are_most_behind_come_first_and_those_who_left_or_are_excluded
     assert list(progress()) == ["P2", "P1", "P3", "P0"], "by the last entry"
     assert list(progress(order="complete")) == ["P1", "P2", "P3", "P0"]
     assert list(progress(order="energy")) == ["P1", "P2", "P3", "P0"]
+    assert list(progress(order="questions")) == list(progress(order="complete")), "nobody has any"
     add_meal(state, "P3", "2026-11-02", status="failed")
     assert list(progress(order="unmeasured")) == ["P3", "P1", "P2", "P0"]
 
