@@ -88,11 +88,7 @@ def estimate_files(
     if depth_files:
         _require_scale(depth_files, options)
     table = {food.key: food for food in load_starter_table().foods}
-    unknown = sorted({hint.food for hint in options.hints if hint.food and hint.food not in table})
-    if unknown:
-        raise InvalidInputError(
-            f"The food table has no {', '.join(unknown)}: see `tada foods search`."
-        )
+    require_foods(options)
     options = with_forms(options, table)
     try:
         found, estimate = run_estimate(
@@ -117,6 +113,16 @@ def estimate_files(
         food = table[hint.food] if hint is not None and hint.food else None
         item.update(amounts_of(item, food, hint.lies_as if hint is not None else None))
     return answer
+
+
+def require_foods(options: EstimateOptions) -> None:
+    """Raise InvalidInputError if the starter table lacks a food of the hints."""
+    keys = {food.key for food in load_starter_table().foods}
+    unknown = sorted({hint.food for hint in options.hints if hint.food} - keys)
+    if unknown:
+        raise InvalidInputError(
+            f"The food table has no {', '.join(unknown)}: see `tada foods search`."
+        )
 
 
 def _require_number(count: int, options: EstimateOptions) -> None:

@@ -24,6 +24,8 @@ from typing import Literal, Self
 import numpy as np
 import numpy.typing as npt
 
+from app.core.shares import wilson_interval
+
 Floats = npt.NDArray[np.float64]
 Counts = npt.NDArray[np.intp]
 Scale = Literal["as_is", "square_root", "cube_root", "fourth_root", "logarithm"]
@@ -305,15 +307,8 @@ def _interval(
         drawn_shares(scale, sums, ear, rng), [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0]
     )
     z = _NORMAL.inv_cdf((1.0 + LEVEL) / 2.0)
-    centre = (share + z**2 / (2 * persons)) / (1 + z**2 / persons)
-    half = (
-        z
-        / (1 + z**2 / persons)
-        * math.sqrt(share * (1 - share) / persons + z**2 / (4 * persons**2))
-    )
-    return max(min(float(low), centre - half, share), 0.0), min(
-        max(float(high), centre + half, share), 1.0
-    )
+    least, most = wilson_interval(share, persons, z)
+    return max(min(float(low), least, share), 0.0), min(max(float(high), most, share), 1.0)
 
 
 def _flat(days_by_person: Sequence[Sequence[float] | Floats]) -> tuple[Floats, Counts]:

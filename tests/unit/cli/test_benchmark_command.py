@@ -43,16 +43,16 @@ def test_meals_are_measured_and_sent_on_as_a_table(tmp_path):
         tmp_path,
         f"{meal},orange,526,486,148,",
         f"{meal},kiwifruit,303,426,,121",
-        "two,left.jpg,,coin:20.0,orange,1,1,9,",
+        "one,left.jpg,,coin:20.0,orange,1,1,9,",
     )
     output = tmp_path / "results.csv"
     run = RUN.invoke(cli, ["benchmark", folder, "-o", str(output), "--json"])
     assert run.exit_code == 0, run.output
     *_, of_all = json.loads(run.stdout)["summaries"]
-    assert (of_all["name"], of_all["foods"]) == ("all", 3)
+    assert (of_all["name"], of_all["meals"], of_all["foods"]) == ("all", 1, 3)
     with output.open(encoding="utf-8", newline="") as file:
-        orange, kiwifruit, _ = csv.DictReader(file)
-    assert (orange["unit"], kiwifruit["unit"]) == ("g", "ml")
+        of_other_photograph, orange, kiwifruit = csv.DictReader(file)
+    assert (of_other_photograph["weighed"], orange["unit"], kiwifruit["unit"]) == ("9.0", "g", "ml")
     assert float(orange["low"]) < 148 < float(orange["high"])
     assert float(kiwifruit["measured"]) == pytest.approx(121, rel=0.05)
 
@@ -63,7 +63,9 @@ def test_meals_are_measured_and_sent_on_as_a_table(tmp_path):
         (["one,left.jpg,right.jpg,,orange,1,1,,"], COLUMNS, "ml of orange, meal one, is no number: empty"),
         (["one,left.jpg,right.jpg,,orange,1,1,0,"], COLUMNS, "weighs nothing"),
         (["one,left.jpg,right.jpg,,orange,one,1,9,"], COLUMNS, "x of orange, meal one, is no number: one"),
-        (["one,none.jpg,right.jpg,,orange,1,1,9,"], COLUMNS, "none.jpg cannot be read"),
+        (["one,left.jpg,right.jpg,,orange,1,1,nan,"], COLUMNS, "grams of orange, meal one, is no number: nan"),
+        (["one,left.jpg,,,orange,1,1,9,", "two,left.jpg,,,oranje,1,1,9,"], COLUMNS, "The food table has no oranje"),
+        (["one,none.jpg,right.jpg,,orange,1,1,9,"], COLUMNS, "there is no photograph"),
         (["one,left.jpg"], "meal,photo", "Missing: left, food, x, y; unknown: photo"),
         ([], COLUMNS, "a row for each food"),
     ],
