@@ -14,21 +14,9 @@ from app.vision.looks.food_boxes import propose_boxes
 from app.vision.looks.learned_features import learned_features
 from app.vision.looks.vcm_region import Box, Region
 from app.vision.model import ImageArray, MaskArray, Photo
+from app.vision.tuning import SIDE_TUNING as TUNING
 
-SIDE_PX = 128  # of the longer side of a piece's box while it is cut out
-GROWN, MARGIN = (
-    0.05,
-    0.25,
-)  # of the box's sides, on each side: what may be food, and what surely is not
-ROUNDS = 3
-MOST_OF_BOX = 0.98  # of what may be food: more of it, and nothing was cut out
-SEED = 1
-# Log odds that a piece is the food: by the cosine of their features, by the logarithm of its share of the photograph,
-# and by its share of its own box, as shadows and the table between things have less. Fitted to 314 pieces of 70
-# photographs of ECUSTFD (Liang and Li, 2017), one of which is the food or none is: the likeliest is right in 90 %, by
-# specimens left out, and likelier than none in 86 %.
-COSINE_ODDS, SIZE_ODDS, FULLNESS_ODDS, NO_ODDS = 20.1, 1.9, 20.9, -21.4
-LARGEST_SHARE = 0.2  # of the photograph: no food is likelier for being larger
+SEED = 1  # of the clusters that GrabCut begins with
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +43,7 @@ def find_again(
         own = [_odds(region.mask, scale**2 * area) for region, scale in cut]
         for row, food in enumerate(foods):
             if food is not None:
-                odds[row] = COSINE_ODDS * shown @ learned_features(food) + own
+                odds[row] = TUNING.cosine_odds * shown @ learned_features(food) + own
     again: list[FoodAgain | None] = [None] * len(foods)
     for pointed in (True, False):
         chooses = np.array([each == pointed for each in is_pointed])
@@ -70,18 +58,21 @@ def _odds(mask: MaskArray, photo_px: float) -> float:
     """Log odds that a piece is a food by its size and form. photo_px: area of the photograph at the piece's scale."""
     area = float(np.count_nonzero(mask))
     box = cv2.boundingRect(mask.astype(np.uint8))
-    size = float(np.log(min(area / photo_px, LARGEST_SHARE)))
-    return SIZE_ODDS * size + FULLNESS_ODDS * area / (box[2] * box[3]) + NO_ODDS
+    size = float(np.log(min(area / photo_px, TUNING.largest_share)))
+    return (
+        TUNING.size_odds * size + TUNING.fullness_odds * area / (box[2] * box[3]) + TUNING.no_odds
+    )
 
 
 def _cut(pixels_bgr: ImageArray, box: Box) -> tuple[Region, float] | None:
-    """What differs in a box from what is around it, and by how much the picture was reduced."""
+    """Return what differs in a box from what is around it, and by how much the picture was reduced."""
     x, y, across, down = box
+    grown, margin = TUNING.grown, TUNING.margin
     height, width = pixels_bgr.shape[:2]
-    left, top = int(max(x - MARGIN * across, 0)), int(max(y - MARGIN * down, 0))
-    right = int(min(x + (1 + MARGIN) * across, width))
-    bottom = int(min(y + (1 + MARGIN) * down, height))
-    scale = min(SIDE_PX / max(across, down), 1.0)
+    left, top = int(max(x - margin * across, 0)), int(max(y - margin * down, 0))
+    right = int(min(x + (1 + margin) * across, width))
+    bottom = int(min(y + (1 + margin) * down, height))
+    scale = min(TUNING.piece_px / max(across, down), 1.0)
     picture = cv2.resize(
         pixels_bgr[top:bottom, left:right], None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA
     )
@@ -89,8 +80,8 @@ def _cut(pixels_bgr: ImageArray, box: Box) -> tuple[Region, float] | None:
     first, last = (
         np.rint((np.array(corner) - [left, top]) * scale).astype(np.int64)
         for corner in (
-            (x - GROWN * across, y - GROWN * down),
-            (x + (1 + GROWN) * across, y + (1 + GROWN) * down),
+            (x - grown * across, y - grown * down),
+            (x + (1 + grown) * across, y + (1 + grown) * down),
         )
     )
     labels[max(first[1], 0) : last[1], max(first[0], 0) : last[0]] = cv2.GC_PR_FGD
@@ -99,9 +90,9 @@ def _cut(pixels_bgr: ImageArray, box: Box) -> tuple[Region, float] | None:
         return None
     cv2.setRNGSeed(SEED)
     models = np.zeros((1, 65)), np.zeros((1, 65))
-    cv2.grabCut(picture, labels, (0, 0, 1, 1), *models, ROUNDS, cv2.GC_INIT_WITH_MASK)
+    cv2.grabCut(picture, labels, (0, 0, 1, 1), *models, TUNING.cut_rounds, cv2.GC_INIT_WITH_MASK)
     food = np.isin(labels, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8)
     opened = cv2.morphologyEx(food, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    if not 0 < np.count_nonzero(opened) < MOST_OF_BOX * inside:
+    if not 0 < np.count_nonzero(opened) < TUNING.most_of_box * inside:
         return None
     return Region(np.asarray(picture, np.uint8), largest_part(opened)), scale

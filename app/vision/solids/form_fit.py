@@ -153,16 +153,15 @@ def form_at(
 
 
 def _prior_of(form: Form, pose: Float64Array) -> _Prior:
-    """The prior of a form's unknowns, and of a pose about where it begins."""
-    own = form.prior_precision
-    count = len(own) + len(pose)
-    precision, expected = np.zeros((count, count)), np.concatenate([form.expected, pose])
-    precision[: len(own), : len(own)] = own
-    if len(pose):
-        precision[len(own) :, len(own) :] = np.diag(1.0 / side_view.SD**2)
-        expected[len(own) + side_view.ELEVATION] = side_view.EXPECTED_ELEVATION
-        expected[len(own) + side_view.ROLL] = 0.0
-    return _Prior(expected, precision)
+    """Return the prior of a form's unknowns, and of a pose about where it begins."""
+    expected, precision = form.expected, form.prior_precision
+    if len(pose) == 0:
+        return _Prior(expected, precision)
+    of_pose, pose_precision = side_view.pose_prior(pose)
+    count = len(expected)
+    both = np.zeros((count + len(pose), count + len(pose)))
+    both[:count, :count], both[count:, count:] = precision, pose_precision
+    return _Prior(np.concatenate([expected, of_pose]), both)
 
 
 def fit_form(

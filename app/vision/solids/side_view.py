@@ -14,6 +14,7 @@ from app.vision.geometry.projective import pixel_gradient
 from app.vision.model import Float64Array, MaskArray
 from app.vision.solids.fields import OutlineField, outline_field
 from app.vision.solids.outline_snap import Outline, outline, rings_of_mask
+from app.vision.tuning import SIDE_TUNING as TUNING
 
 # A pose's numbers: radians around the food's axis and over its support, and about the line of sight; the logarithm of
 # the distance, mm; where the food's middle is seen, px.
@@ -21,15 +22,7 @@ AZIMUTH, ELEVATION, ROLL, LOG_DISTANCE = range(4)
 SHIFT = slice(4, 6)
 POSE = 6
 STEP = np.array([1e-4, 1e-4, 1e-4, 1e-4, 0.1, 0.1])  # of the differences
-STRIDE = np.array([0.15, 0.08, 0.05, 0.15, 5.0, 5.0])  # the most at one step
-# A photograph from the side is taken at about the height of the food: ECUSTFD's plates are seen at 5 to 17 degrees.
-EXPECTED_ELEVATION = 0.19
-SD = np.array(
-    [1.5, 0.05, 0.05, 1.0, 100.0, 100.0]
-)  # of the pose about its start and EXPECTED_ELEVATION
-ROUNDS = 3  # in which a form is made as high as its mask
-HEIGHT_SD = 0.7  # of a height, logarithm, before it is seen
-AZIMUTHS = 12  # tried, over half a turn: a silhouette from behind is nearly the mirror image
+STRIDE = np.array(TUNING.pose_stride)
 
 
 @dataclass(frozen=True)
@@ -74,7 +67,8 @@ class SideView:
         They are as wide as the mask there, and may become as high: a height is what is least known.
         """
         tried = [
-            self._framed(vertices, azimuth) for azimuth in np.arange(AZIMUTHS) * np.pi / AZIMUTHS
+            self._framed(vertices, azimuth)
+            for azimuth in np.arange(TUNING.azimuths) * np.pi / TUNING.azimuths
         ]
         return max(tried, key=lambda each: each[1])[0]
 
@@ -87,18 +81,18 @@ class SideView:
         """Return the pose from an azimuth by which vertices are as wide as the mask, and how well they fit."""
         left, top, wide, high = cv2.boundingRect(self.mask.astype(np.uint8))
         middle = np.array([left, top]) + (np.array([wide, high]) - 1) / 2
-        pose = np.array([azimuth, EXPECTED_ELEVATION, 0.0, 0.0, 0.0, 0.0])
+        pose = np.array([azimuth, TUNING.elevation, 0.0, 0.0, 0.0, 0.0])
         across = np.ptp((vertices - self.middle_mm) @ _rotation(pose)[0])
         pose[LOG_DISTANCE] = np.log(self.focal_px * across / wide)
         factor, raised, begun = 1.0, vertices, pose
-        for _ in range(ROUNDS):
+        for _ in range(TUNING.raising_rounds):
             seen = self.project(raised, pose)
             pose[SHIFT] += middle - (seen.min(axis=0) + seen.max(axis=0)) / 2
             begun = pose.copy() if factor == 1.0 else begun
             factor *= high / np.ptp(seen[:, 1])
             raised = vertices * [1.0, 1.0, factor]
         overlap = self._overlap(raised, pose)
-        return begun, overlap * float(np.exp(-0.5 * (np.log(factor) / HEIGHT_SD) ** 2))
+        return begun, overlap * float(np.exp(-0.5 * (np.log(factor) / TUNING.height_sd) ** 2))
 
     def _overlap(self, vertices: Float64Array, pose: Float64Array) -> float:
         """Intersection over union of the mask and the hull of what is seen of vertices."""
@@ -114,6 +108,13 @@ def side_view(mask: MaskArray, focal_px: float) -> SideView | None:
         return None
     line = outline(rings, np.ones(sum(len(ring.points_px) for ring in rings)))
     return SideView(mask, line, focal_px, np.zeros(3))
+
+
+def pose_prior(start: Float64Array) -> tuple[Float64Array, Float64Array]:
+    """Return the middle (POSE,) and the precision (POSE, POSE) of a pose that begins somewhere."""
+    expected = start.copy()
+    expected[[ELEVATION, ROLL]] = TUNING.elevation, 0.0
+    return expected, np.diag(1.0 / np.square(TUNING.pose_sd))
 
 
 def _rotation(pose: Float64Array) -> Float64Array:

@@ -58,9 +58,8 @@ SCALE_FLAGS: Mapping[Scale, tuple[str, ...]] = {
 # Cosine of the optical axis and the table's normal, which looks up: within 30 degrees of straight down. Whoever takes
 # one photograph so, and another in which neither the reference nor a match is found, takes that one from the side.
 MOST_FROM_ABOVE = -0.87
-NEAR_MATCHES = (
-    40  # by which two views are near; ECUSTFD's from above and from the side have fewer, 21 of 22
-)
+# by which two views are near; those of ECUSTFD from above and from the side have fewer, 21 of 22
+NEAR_MATCHES = 40
 MAX_OFF_SD = 3.0  # of the table by poses from a marker's, in standard deviations of tracking
 
 
