@@ -137,7 +137,7 @@ def get_adequacy(
 def get_progress(
     study: StudyCode, state: State, staff: CurrentStaff, chosen: ProgressFilterIn
 ) -> ProgressOut:
-    """Who is behind: a row per participant; without a range, days are the 28 up to yesterday."""
+    """Progress of each participant; without a range, days are the 28 up to yesterday."""
     return study_progress(state.database, staff, study, chosen)
 
 

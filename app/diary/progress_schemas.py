@@ -69,7 +69,7 @@ class ProgressRowOut(ParticipantRow):
 
     @property
     def is_in(self) -> bool:
-        """Whether anything is expected of them."""
+        """Return whether anything is expected of them."""
         return self.withdrawn_at is None and self.excluded is None
 
 

@@ -258,7 +258,7 @@ class ProfileIn(BaseModel):
 
 
 class ParticipantFields(BaseModel):
-    """What staff set of a participant beside the profile."""
+    """Labels of a participant that staff set beside the profile."""
 
     starts_on: LocalDay | None = Field(
         default=None, description="Local day that is day 1; null: that of the first meal."

@@ -94,8 +94,8 @@ def get_agreement(
         if output == "csv":
             rows = [made for item in decided_by_two(session, study.id) for made in item]
             return csv_file(DecisionOut, rows, f"decisions-of-{study.code}")
-        known = known_agreement(session, study.id) if page.may("owner") else []
-        return page.render("agreement.html", rows=study_agreement(session, study.id), known=known)
+        answers = known_agreement(session, study.id) if page.may("owner") else []
+        return page.render("agreement.html", rows=study_agreement(session, study.id), known=answers)
 
 
 def _review(page: Page) -> BlindReview:

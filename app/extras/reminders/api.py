@@ -149,7 +149,7 @@ class RemindersOut(BaseModel):
 
 
 class RemindIn(BaseModel):
-    """Who is to be reminded now."""
+    """Participants to remind now."""
 
     model_config = ConfigDict(
         extra="forbid", json_schema_extra={"example": {"participants": ["P001"]}}
@@ -175,9 +175,9 @@ def post_reminders(
 def post_reminders_page(page: CurrentPage, study: str, fields: Fields) -> Response:
     """Remind the participants who are marked, and tell who was not reached."""
     body = read_form(RemindIn, {"participants": fields.getlist("participant")})
-    told = post_reminders(study, body, page.state, page.caller)
-    notice = f"{len(told.reminded)} of {len(body.participants)} participants are reminded."
-    if told.unreached:
+    reminders = post_reminders(study, body, page.state, page.caller)
+    notice = f"{len(reminders.reminded)} of {len(body.participants)} participants are reminded."
+    if reminders.unreached:
         notice += " No phone of the others wants reminders, or it has quiet hours now."
     query = page.request.url.query
     return page.redirect(f"{study_address(study, 'participants')}?{query}", notice)

@@ -1,4 +1,4 @@
-"""What each of two reviewers decided about an item without seeing the other, and items with a known answer.
+"""Decisions of two reviewers about an item without seeing each other, and items with a known answer.
 
 A decision is no event of the meal: nothing that reads a meal reads it. Once an item is settled, the
 result is written as events of the meal (records/review/double_review.py).
@@ -15,7 +15,7 @@ from app.db.base import Base, JsonValue, Personal
 
 
 class ReviewDecision(Base):
-    """What a reviewer decided about an item. Only undone_at and settled_at are ever set later.
+    """A reviewer's decision about an item. Only undone_at and settled_at are ever set later.
 
     meal_id: NULL for an item with a known answer
     item_id: of the meal, or the known item's; no foreign key, as of a meal's events

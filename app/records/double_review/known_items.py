@@ -30,7 +30,7 @@ def put_known_item(
         whose = Whose(study.id, caller.staff_id)
         size = make_picture(state, whose, source, target, width_px=MAX_WIDTH_PX)
         picture = target.read_bytes()
-    known = KnownItem(
+    kept = KnownItem(
         id=known_item_id(study, client_id),
         study_id=study.id,
         food_key=body.food,
@@ -44,7 +44,7 @@ def put_known_item(
     )
     with state.database.write() as session:
         named_food(session, body.food)
-        session.merge(known)
+        session.merge(kept)
         audit.note(session, caller, "known_item.put", study_id=study.id, subject=client_id)
 
 

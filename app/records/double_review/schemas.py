@@ -14,7 +14,7 @@ ITEM = "The item's id."
 
 
 class DecisionIn(BaseModel):
-    """What an item is, and how much; without both it is no food, or nobody ate of it."""
+    """A food and its grams; without both the item is no food, or nobody ate of it."""
 
     model_config = ConfigDict(extra="forbid")
 
