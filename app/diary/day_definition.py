@@ -74,8 +74,9 @@ def _microseconds_sqlite(
     element: microseconds_between, compiler: SQLCompiler, **options: object
 ) -> str:
     first, second = (compiler.process(clause, **options) for clause in element.clauses)
-    seconds = f"strftime('%s', {second}) - strftime('%s', {first})"
-    return f"(({seconds}) * 1000000 + substr({second}, 21) - substr({first}, 21))"  # stored with six decimals
+    # Stored with six decimals, of which strftime would round to three, and so to the next second.
+    seconds = f"strftime('%s', substr({second}, 1, 19)) - strftime('%s', substr({first}, 1, 19))"
+    return f"(({seconds}) * 1000000 + substr({second}, 21) - substr({first}, 21))"
 
 
 class DaysOf(NamedTuple):

@@ -57,13 +57,15 @@ def test_sums_have_coverage_and_unknown_values_are_null(client, admin):
 
 
 @pytest.mark.both_stores
-def test_median_delay_is_exact_whichever_database_computes_it(phone, state, client, admin):
+@pytest.mark.parametrize(("from_us", "to_us"), [(400, 600), (400, 999_700), (999_700, 400)])
+def test_median_delay_is_exact_whichever_database_computes_it(phone, state, client, admin, from_us, to_us):
     add_meal(state, "P001", "2026-11-01", eaten_item(100.0))
-    captured_at = datetime(2026, 11, 1, 12, 0, 0, 400, tzinfo=UTC)  # 0.4 ms
-    received_at = captured_at.replace(second=1, microsecond=600)
+    captured_at = datetime(2026, 11, 1, 12, 0, 0, from_us, tzinfo=UTC)
+    received_at = captured_at.replace(second=1, microsecond=to_us)
     with state.database.write() as session:
         session.execute(sa.update(Meal).values(captured_at=captured_at, received_at=received_at))
-    assert rows_of(client, admin)[0]["median_upload_delay_seconds"] == 1.0002
+    delay = rows_of(client, admin)[0]["median_upload_delay_seconds"]
+    assert delay == (received_at - captured_at).total_seconds()
 
 
 def test_unmeasured_meal_makes_the_days_coverage_null_and_one_confirmed_without_foods_does_not(

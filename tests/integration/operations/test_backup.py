@@ -128,8 +128,6 @@ def as_before(document, jump):
         return [as_before(one, jump) for one in document]
     if isinstance(document, dict):
         told = {key: as_before(value, jump) for key, value in document.items() if key != "next"}
-        if "median_upload_delay_seconds" in told:  # SQLite counts time in days
-            told["median_upload_delay_seconds"] = round(told["median_upload_delay_seconds"], 3)
         return told | {key: value - jump for key, value in told.items() if key == "change_seq"}
     return document
 
