@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 
 from app.vision.board.colour_correction import apply_colour
-from app.vision.geometry.projective import homogeneous
 from app.vision.model import (
     Artefact,
     ColourCorrection,
@@ -18,6 +17,7 @@ from app.vision.model import (
     Float64Array,
     ImageArray,
     ItemEstimate,
+    MaskArray,
     Photo,
     PhotoPair,
     View,
@@ -25,10 +25,8 @@ from app.vision.model import (
 from app.vision.scene_file import SCENE_NAME, write_scene
 from app.vision.solids.measured_item import MeasuredItem, Volume
 from app.vision.trace import Trace
-from app.vision.views.epipolar import Epipolar
-from app.vision.views.features import Matches, undistort_to_pinhole
+from app.vision.views.features import Matches
 from app.vision.views.reconstruction import Reconstruction
-from app.vision.views.rectification import rectify_by_fundamental
 from app.vision.views.relative_pose import RefinedViews
 
 WIDTH_PX = 1600
@@ -52,14 +50,11 @@ ITEM_COLOURS = ((40, 40, 220), (60, 170, 40), (220, 120, 30), (30, 160, 230), (1
 def draw_artefacts(
     trace: Trace, pair: PhotoPair, items: tuple[ItemEstimate, ...]
 ) -> list[Artefact]:
-    """Files by step: matches, rectified (by F and by poses), disparity, points (and PLY), slices, overlay, scene."""
+    """Files by step: matches, rectified, disparity, points (and PLY), slices, overlay, scene."""
     scene = trace.scene
     pictures: dict[str, ImageArray | None] = {}
-    if trace.refined is not None and trace.matches is not None and trace.epipolar is not None:
-        pictures["matches.jpg"] = _matches(trace, trace.refined, trace.matches, trace.epipolar)
-        pictures["rectified_by_f.jpg"] = _rectified_by_f(
-            trace, trace.refined, trace.matches, trace.epipolar
-        )
+    if trace.refined is not None and trace.matches is not None and trace.is_good_match is not None:
+        pictures["matches.jpg"] = _matches(trace, trace.refined, trace.matches, trace.is_good_match)
     if scene is not None:
         first = apply_colour(scene.rectified.first_bgr, trace.colour_of(0))
         disparity = scene.rectified.disparity_from_parallax(scene.disparity.parallax_px)
@@ -119,58 +114,22 @@ def _side_by_side(first: ImageArray, second: ImageArray) -> ImageArray:
     return np.hstack(padded)
 
 
-def _matches(trace: Trace, views: RefinedViews, matches: Matches, epipolar: Epipolar) -> ImageArray:
-    """Good matches thin, the sixteen that made F bold."""
+def _matches(trace: Trace, views: RefinedViews, matches: Matches, is_good: MaskArray) -> ImageArray:
+    """Some of the good matches beside the board."""
     first, scale = _reduced(views.first, trace.colour_of(0))
     second, scale_second = _reduced(views.second, trace.colour_of(1))
     picture = _side_by_side(first, second)
-    good = np.flatnonzero(epipolar.is_good & ~matches.is_board)
-    some = good[np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)]
-    for indices, colour, width in ((some, GREY, 1), (epipolar.drawn, GREEN, 2)):
-        for index in indices:
-            start = matches.first_px[index] * scale
-            end = matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
-            corners = [(round(float(x)), round(float(y))) for x, y in (start, end)]
-            cv2.line(picture, corners[0], corners[1], colour, width, cv2.LINE_AA)
-            for corner in corners:
-                cv2.circle(picture, corner, 4, RED, 1, cv2.LINE_AA)
+    good = np.flatnonzero(is_good & ~matches.is_board)
+    for index in good[
+        np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)
+    ]:
+        start = matches.first_px[index] * scale
+        end = matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
+        corners = [(round(float(x)), round(float(y))) for x, y in (start, end)]
+        cv2.line(picture, corners[0], corners[1], GREEN, 1, cv2.LINE_AA)
+        for corner in corners:
+            cv2.circle(picture, corner, 4, RED, 1, cv2.LINE_AA)
     return picture
-
-
-def _rectified_by_f(
-    trace: Trace, refined: RefinedViews, matches: Matches, epipolar: Epipolar
-) -> ImageArray | None:
-    """The paper's rectification (eq. 9), H and H' applied to the undistorted photographs."""
-    views, good = (refined.first, refined.second), epipolar.is_good
-    x = undistort_to_pinhole(views[0], matches.first_px[good])
-    x_second = undistort_to_pinhole(views[1], matches.second_px[good])
-    size = (views[0].camera.width, views[0].camera.height)
-    homographies = rectify_by_fundamental(epipolar.from_matches, x, x_second, size)
-    if homographies is None:
-        return None
-    # One frame for both: the first view's corners, as far as they stay finite.
-    corners = np.array([[0.0, 0.0], [size[0], 0.0], [size[0], size[1]], [0.0, size[1]]])
-    moved = homogeneous(corners) @ homographies[0].T
-    if (moved[:, 2] <= 0).any():
-        return None
-    mapped = moved[:, :2] / moved[:, 2:]
-    low, high = mapped.min(axis=0), mapped.max(axis=0)
-    scale = WIDTH_PX / 2 / float((high - low).max())
-    frame = np.array(
-        [[scale, 0.0, -scale * low[0]], [0.0, scale, -scale * low[1]], [0.0, 0.0, 1.0]]
-    )
-    shown = tuple(int(np.ceil(side)) for side in (high - low) * scale)
-    pictures = []
-    for view, homography, colour in zip(
-        views, homographies, (trace.colour_of(0), trace.colour_of(1)), strict=True
-    ):
-        small, reduction = _reduced(view, colour)
-        reduce = np.diag([reduction, reduction, 1.0])
-        camera = reduce @ view.camera.matrix
-        flat = cv2.undistort(small, camera, np.array(view.camera.distortion))
-        warp = frame @ homography @ np.linalg.inv(reduce)
-        pictures.append(np.asarray(cv2.warpPerspective(flat, warp, shown), np.uint8))
-    return _with_rows(_side_by_side(pictures[0], pictures[1]))
 
 
 def _with_rows(picture: ImageArray) -> ImageArray:

@@ -39,14 +39,10 @@ FIGURES: Mapping[str, tuple[str, str]] = {
     ),
     "matches.jpg": (
         "Matches",
-        "Both photographs side by side; lines join matching points, bold lines those of the fundamental matrix.",
-    ),
-    "rectified_by_f.jpg": (
-        "Rectified by the fundamental matrix",
-        "The paper's rectification: matching points lie on the same green row of both pictures.",
+        "Both photographs side by side; lines join matching points.",
     ),
     "rectified.jpg": (
-        "Rectified by the poses",
+        "Rectified",
         "The pair from which depth is measured: matching points lie on the same green row of both pictures.",
     ),
     "disparity.jpg": (

@@ -18,11 +18,15 @@ from app.vision.board.print_layout import common_points
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import homogeneous, map_points, rotation_along
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.paper.fundamental import (
+    DRAWN_MATCHES,
+    fundamental_from_points,
+    rectify_by_fundamental,
+)
 from app.vision.views.disparity import MIN_CORRELATION
-from app.vision.views.epipolar import DRAWN_MATCHES, fundamental_from_points
 from app.vision.views.features import Matches, too_few_matches, undistort_to_pinhole
 from app.vision.views.reconstruction import DepthModel, fit_depth_model
-from app.vision.views.rectification import RectifiedPair, rectify_by_fundamental, warp_view
+from app.vision.views.rectification import RectifiedPair, warp_view
 from app.vision.views.relative_pose import RefinedViews
 
 # of the correlation: larger than a smoothed search's, since nothing else steadies it

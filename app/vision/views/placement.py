@@ -29,7 +29,6 @@ from app.vision.model import (
 )
 from app.vision.rig import StereoRig
 from app.vision.views.depth_parallax import place_by_depth
-from app.vision.views.epipolar import compare_fundamentals
 from app.vision.views.features import match_features
 from app.vision.views.focal_doubt import FLAG_SD, MOST_SD, FocalDoubt, doubt_focal, too_unsure
 from app.vision.views.object_pair import ObjectRig, in_scale, rig_of_object
@@ -138,22 +137,13 @@ def views_by_marker(
     with trace.stage("match"):
         matches = match_features(first, second)
         refined = refine_views(first, second, matches)
-        trace.matches = matches
-        trace.keep_views(refined)
+        is_good = trace.keep_matches(matches, refined)
         moved = judge_heights(refined, matches) if refined.matches else judge_missing(first, second)
+        if moved is None:
+            moved = judge_matches(matches, is_good, placed_by="marker")
         if moved is not None:
             return moved
         trace.focal = doubt_focal(refined.first, refined.second, camera_from_exif(pair.left))
-        epipolar = compare_fundamentals(
-            refined.first, refined.second, matches, np.random.default_rng(options.seed)
-        )
-        if not isinstance(epipolar, Failure):
-            trace.epipolar = epipolar
-            moved = judge_matches(matches, epipolar.is_good, placed_by="marker")
-            if moved is not None:
-                return moved
-        elif refined.matches:
-            return epipolar
     return Placement(refined, "marker", trace.focal)
 
 
@@ -174,16 +164,10 @@ def views_by_rig(
     with trace.stage("match"):
         matches = match_features(first, second)
         refined = refine_rig(first, second, matches, rig.source)
-        trace.matches = matches
-        trace.keep_views(refined)
-        epipolar = compare_fundamentals(
-            refined.first, refined.second, matches, np.random.default_rng(options.seed)
-        )
-        if not isinstance(epipolar, Failure):
-            trace.epipolar = epipolar
-            mismatch = judge_matches(matches, epipolar.is_good, placed_by=rig.source)
-            if mismatch is not None:
-                return mismatch
+        is_good = trace.keep_matches(matches, refined)
+        mismatch = judge_matches(matches, is_good, placed_by=rig.source)
+        if mismatch is not None:
+            return mismatch
     return Placement(refined, rig.source)
 
 

@@ -1,6 +1,6 @@
-"""Two rectifications: the paper's, from F and matches (eq. 9), and the one that depth is measured on, from the poses.
+"""The rectification that depth is measured on, from the poses; the paper's, from F, is paper/fundamental.py's.
 
-Views or F in -> homographies; or a row-aligned pair at working resolution with its geometry. Why there are two:
+Views in -> a row-aligned pair at working resolution with its geometry. Why there are two:
 docs/decisions/0001-rectification-by-f-and-by-poses.md.
 """
 
@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.pictures import reduce_by
-from app.vision.geometry.projective import cross_matrix, homogeneous, map_points, rotation_along
+from app.vision.geometry.projective import homogeneous, rotation_along
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray, View
 from app.vision.views.features import undistort_to_rays
 
@@ -213,47 +213,6 @@ def rectify_alone(view: View) -> RectifiedPair:
     )
 
 
-def rectify_by_fundamental(
-    fundamental: Float64Array, x: Float64Array, x_second: Float64Array, size: tuple[int, int]
-) -> tuple[Float64Array, Float64Array] | None:
-    """H = G R T of the first view (eq. 9) and H' of the second with least sum of d(H x, H' x')^2 (section IV.B).
-
-    fundamental: (3, 3), x'^T F x = 0. x, x_second: (n, 2) px. size: (width, height). The second and third rows of H'
-    are those of H [e]x F^T, which align its rows with H's (Hartley and Zisserman, 2004, result 11.3, views exchanged);
-    the first row is free and solves the least squares. None where the epipole lies in the image, which nothing helps.
-    """
-    epipole = np.linalg.svd(fundamental)[2][-1]
-    middle = np.array([(size[0] - 1) / 2, (size[1] - 1) / 2])
-    if _is_in_image(epipole, size):
-        return None
-    homography = epipole_to_infinity(epipole, middle)
-    rows = homography @ cross_matrix(epipole) @ fundamental.T
-    second_points = homogeneous(x_second)
-    weights = second_points @ rows[2]
-    target = map_points(homography, x)[:, 0]
-    free_row = np.linalg.lstsq(second_points / weights[:, None], target, rcond=None)[0]
-    second = np.stack([free_row, rows[1], rows[2]])
-    return homography, second / np.linalg.norm(second)
-
-
-def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64Array:
-    """G R T (eq. 9): middle to the origin (T), the epipole to the x-axis (R) and from there to (1, 0, 0) (G).
-
-    epipole: (3,) homogeneous px. middle: (2,) px.
-    """
-    translation = np.array([[1.0, 0.0, -middle[0]], [0.0, 1.0, -middle[1]], [0.0, 0.0, 1.0]])
-    moved = translation @ epipole
-    length = float(np.hypot(moved[0], moved[1]))
-    # Either half of the x-axis will do; the nearer one leaves the image the right way up.
-    cosine, sine = moved[:2] / length * (1.0 if moved[0] >= 0 else -1.0)
-    rotation = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    on_axis = rotation @ moved
-    to_infinity = np.array(
-        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-on_axis[2] / on_axis[0], 0.0, 1.0]]
-    )  # -1 / f
-    return np.asarray(to_infinity @ rotation @ translation, np.float64)
-
-
 def _lift(first: View, second: View) -> float:
     """By which share of itself the disparity of what stands TALL_MM high exceeds that of the plane under it."""
     camera_mm, lower_mm = (
@@ -362,10 +321,3 @@ def _is_inside(view: View, map_px: Float32Array) -> MaskArray:
     height, width = view.photo.pixels_bgr.shape[:2]
     x, y = map_px[..., 0], map_px[..., 1]
     return np.asarray((x >= 0) & (x <= width - 1) & (y >= 0) & (y <= height - 1), np.bool_)
-
-
-def _is_in_image(epipole: Float64Array, size: tuple[int, int]) -> bool:
-    if abs(epipole[2]) < np.finfo(np.float64).eps * float(np.abs(epipole).max()):
-        return False
-    x, y = epipole[:2] / epipole[2]
-    return bool(0 <= x < size[0] and 0 <= y < size[1])

@@ -3,9 +3,11 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from app.vision.model import ColourCorrection, MarkerObservation, View
+import numpy as np
+
+from app.vision.model import ColourCorrection, MarkerObservation, MaskArray, View
 from app.vision.stages import Stages
-from app.vision.views.epipolar import Epipolar
+from app.vision.views.epipolar import good_matches
 from app.vision.views.features import Matches
 from app.vision.views.focal_doubt import FocalDoubt
 from app.vision.views.reconstruction import Reconstruction
@@ -25,6 +27,7 @@ class ViewsTrace:
     views: (left, right) as sent; right is None where the left one is measured alone.
     is_swapped: the first view is the right one.
     matches: between the two views.
+    is_good_match: (n,) those on their epipolar lines; off_lines_px: how far off these lie, the median.
     refined: first and second by where they stand.
     single: the view that is measured alone.
     others: further views that could be placed.
@@ -41,7 +44,8 @@ class ViewsTrace:
     refined: RefinedViews | None = None
     single: SingleView | None = None
     focal: FocalDoubt | None = None
-    epipolar: Epipolar | None = None
+    is_good_match: MaskArray | None = None
+    off_lines_px: float = 0.0
     scene: Reconstruction | None = None
     others: list[View] = field(default_factory=list)
     second_place: int = 1
@@ -68,6 +72,15 @@ class ViewsTrace:
         self.views = left, right
         self.markers = left.marker, right.marker
 
+    def keep_matches(self, matches: Matches, refined: RefinedViews) -> MaskArray:
+        """Keep matches and the views that they refined, and return (n,) which lie on their epipolar lines."""
+        self.matches = matches
+        self.keep_views(refined)
+        is_good, distances_px = good_matches(refined.first, refined.second, matches)
+        if is_good.any():
+            self.is_good_match, self.off_lines_px = is_good, float(np.median(distances_px[is_good]))
+        return is_good
+
     def keep_single(self, view: SingleView) -> None:
         """Keep the view of one photograph that is measured alone."""
         self.single = view
@@ -75,7 +88,7 @@ class ViewsTrace:
 
     def forget_pair(self) -> None:
         """Drop what an attempt with both photographs left, before the left one is measured alone."""
-        self.matches = self.refined = self.epipolar = None
+        self.matches = self.refined = self.is_good_match = None
         self.is_swapped = False
 
     def colour_of(self, place: Literal[0, 1]) -> ColourCorrection:
@@ -107,13 +120,12 @@ class ViewsTrace:
             if self.others:
                 out["views"] = 2 + len(self.others)
             out["sheet_bend_mm"] = round(float(max(self.refined.bend_mm, key=abs)), 3)
-        if self.matches is not None and self.epipolar is not None:
+        if self.matches is not None and self.is_good_match is not None:
             out |= {
                 "matches": len(self.matches),
                 "matches_food": int(self.matches.is_food.sum()),
-                "matches_good": int(self.epipolar.is_good.sum()),
-                "epipolar_distance_8_point_px": round(self.epipolar.matches_distance_px, 3),
-                "epipolar_distance_calibrated_px": round(self.epipolar.views_distance_px, 3),
+                "matches_good": int(self.is_good_match.sum()),
+                "epipolar_distance_calibrated_px": round(self.off_lines_px, 3),
             }
         if self.scene is not None and self.single is not None:
             out["rectified_focal_px"] = round(self.scene.rectified.focal_px, 2)

@@ -29,7 +29,7 @@ def test_ball_has_its_volume_and_its_outline(estimate, views):
 
 def test_every_step_leaves_its_picture(estimate):
     pictures = {each.name: each for each in estimate.artefacts}
-    names = ["matches", "rectified_by_f", "rectified", "disparity", "points", "slices", "overlay"]
+    names = ["matches", "rectified", "disparity", "points", "slices", "overlay"]
     assert set(pictures) == {f"{name}.jpg" for name in names} | {"points.ply", "scene.json"}
     for name, each in pictures.items():
         if name.endswith(".jpg"):

@@ -1,14 +1,7 @@
 import numpy as np
 import pytest
 
-from app.vision.views.epipolar import fundamental_from_points
-from app.vision.views.rectification import (
-    is_swapped,
-    map_points,
-    rectify_by_fundamental,
-    rectify_by_poses,
-    to_rectified_px,
-)
+from app.vision.views.rectification import is_swapped, rectify_by_poses, to_rectified_px
 from tests.unit.vision.stereo_scene import CAMERA, blank_views
 from tests.unit.vision.views.test_epipolar import project, scene_points
 
@@ -40,22 +33,3 @@ def test_swapped_views_are_told_from_ordered_ones_unless_one_is_above_the_other(
     left, right = blank_views(roll_deg=roll_deg)
     assert not is_swapped(left, right)
     assert is_swapped(right, left) == of_swapped
-
-
-def test_rectification_by_fundamental_aligns_rows_and_drives_disparity_through_zero():
-    first, second = blank_views()
-    points = scene_points(40)
-    x, x_second = project(first, points), project(second, points)
-    found = rectify_by_fundamental(fundamental_from_points(x, x_second), x, x_second, (1200, 900))
-    y, y_second = map_points(found[0], x), map_points(found[1], x_second)
-    disparity = y[:, 0] - y_second[:, 0]
-    # Half a second of arc at this focal length: the fundamental matrix is exact but for rounding.
-    assert np.abs(y[:, 1] - y_second[:, 1]).max() < 1e-3
-    assert disparity.min() < 0 < disparity.max()
-    assert abs(disparity.mean()) < 1e-6
-    cost = ((y - y_second) ** 2).sum()  # least: no shift or stretch betters it
-    for change in ([1.001, 0.0, 0.0], [1.0, 0.001, 0.0], [1.0, 0.0, 0.5]):
-        moved = np.column_stack([np.column_stack([y_second, np.ones(len(y))]) @ change, y_second[:, 1]])
-        assert ((y - moved) ** 2).sum() >= cost
-    inside = np.array([[0.0, -1.0, 450.0], [1.0, 0.0, -600.0], [-450.0, 600.0, 0.0]])  # [e]x, e = (600, 450, 1)
-    assert rectify_by_fundamental(inside, np.zeros((8, 2)), np.zeros((8, 2)), (1200, 900)) is None
