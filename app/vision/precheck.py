@@ -57,7 +57,7 @@ MAX_CLIPPED_SHARE = 0.2  # of a photograph without any texture to match; a white
 GLARE_STEP_SHARE = 0.5  # a dark square this far up towards the light ones reflects a lamp
 # a reduced square below it is too small for the corners' fit to accuse the board
 SURE_STEP_PX = 12.0
-BORDER_SHARE = 0.02  # of the long side; nearer, the rest of the food is as likely outside
+BORDER_SHARE = 0.03  # of the long side; nearer, the rest of the food is as likely outside
 # over the marker's plane: food, not a plate's rim; sparse heights are good to 5 mm
 RAISED_MM = 15.0
 LEAST_AT_BORDER = (3, 0.1)  # raised matches, and their share of all: one may be wrong

@@ -13,7 +13,7 @@ from app.vision.views.features import ALIGNED_SIDE_PX, Matches, undistort_to_pin
 
 # what the marker's poses may be off by, before refinement; beyond, a match is a wrong one
 GATE_PX_AT_12MP = 12.0
-GOOD_PX_AT_12MP = 4.0  # the same after refinement: SIFT's 0.3 px at reduced size, six times
+GOOD_PX_AT_12MP = 4.0  # the same after refinement
 SURE_PX_AT_12MP, SURE_MEDIANS = (
     1.6,
     3.0,

@@ -1,4 +1,4 @@
-"""SIFT matches between the two views (paper, section IV.A), told apart by where they lie: checkerboard, food, support.
+"""Matches between the two views: SIFT (paper, section IV.A) and corners, told apart as checkerboard, food, support.
 
 Two Views in -> matched points in each photograph, px. Which matches are good is for epipolar.py to say.
 """
@@ -24,9 +24,9 @@ from app.vision.model import (
     Photo,
     View,
 )
-from app.vision.views.patch_alignment import align_patches
+from app.vision.views.point_following import corners_of, evenly_lit, follow_points
 
-# long side where SIFT runs: which point is which; where it is, alignment tells
+# long side where SIFT runs: which point is which; where it is, Lucas and Kanade tell
 MATCHING_SIDE_PX = 512
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
@@ -39,12 +39,6 @@ FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 # of the long side, from the epipolar line: what poses by the marker alone may be off by
 GATE_SHARE = 0.006
-ALIGNMENT_FACTORS = (
-    1,
-    2,
-)  # reductions of the aligned size: faint texture shows in larger patches only
-NOISE_BLUR_PX = 0.8  # before alignment; the noise of phones is finer than what the lens resolves
-MAX_MOVE_PX = 4.0  # at the aligned size: SIFT's own error at its size
 FOOD_MIN_HEIGHT_MM = 8.0  # over the marker's plane; what lies lower may be table, sheet or plate
 FOOD_MAX_HEIGHT_MM = 250.0  # beyond, a triangulated match is a wrong one
 MIN_MATCHES = 8  # what the 8-point method needs (paper, section IV.A)
@@ -78,14 +72,11 @@ class Matches:
 
 
 def match_features(first: View, second: View, gate_share: float = GATE_SHARE) -> Matches:
-    """Mutual SIFT matches that pass the ratio test, together with the marker's own corners, which match by name.
+    """Points followed from one view to the other, with the marker's own corners, which match by name.
 
-    gate_share: see GATE_SHARE.
-
-    SIFT alone can hardly match a checkerboard, all of whose corners look alike. Without a marker there are SIFT's
-    alone.
+    gate_share: see GATE_SHARE. A checkerboard's corners all look alike. Without a marker there are the others alone.
     """
-    first_px, second_px = _sift_matches(first, second, gate_share)
+    first_px, second_px = _matches_beside(first, second, gate_share)
     points = triangulate(first, second, first_px, second_px)
     on_sheet = (
         is_on_sheet(first.marker, points)
@@ -95,7 +86,7 @@ def match_features(first: View, second: View, gate_share: float = GATE_SHARE) ->
     is_food = (points[:, 2] > FOOD_MIN_HEIGHT_MM) & (points[:, 2] < FOOD_MAX_HEIGHT_MM) & ~on_sheet
     corners_px, corners_second_px = _shared_corners(first, second)
     corners = np.ones(len(corners_px), np.bool_)
-    keep = ~on_sheet  # the sheet's SIFT matches are the ambiguous ones; its corners stand for it
+    keep = ~on_sheet  # where matches are ambiguous; its corners stand for it
     return Matches(
         np.concatenate([corners_px, first_px[keep]]),
         np.concatenate([corners_second_px, second_px[keep]]),
@@ -212,13 +203,13 @@ def shows_sheet(
     return is_shown
 
 
-def _sift_matches(
+def _matches_beside(
     first: View, second: View, gate_share: float
 ) -> tuple[Float64Array, Float64Array]:
-    """(n, 2), (n, 2) px of the photographs: SIFT beside the sheet, near its epipolar line, then aligned.
+    """(n, 2), (n, 2) px of the photographs: beside the sheet and near their epipolar lines.
 
     The second view is first brought onto the first one by the marker's plane, which takes roll, zoom and most of the
-    slant away.
+    slant away: what lies near the plane is followed from where it is in the first view, what SIFT matches from there.
     """
     (grey, factor), (grey_second, factor_second) = (
         _reduced_grey(view.photo.pixels_bgr) for view in (first, second)
@@ -236,39 +227,20 @@ def _sift_matches(
     has_tags = first.marker is not None and isinstance(first.marker.spec, TagBoard)
     detect = partial(_detect, mask=mask, has_tags=has_tags)
     features = [detect(picture) for picture in (grey, np.asarray(turned, np.uint8))]
-    at, at_second = features[0][0], map_points(to_second, features[1][0])
-    first_px, second_px = _at_full_size(at, factor), _at_full_size(at_second, factor_second)
+    at, at_turned = features[0][0], features[1][0]
+    first_px = _at_full_size(at, factor)
+    second_px = _at_full_size(map_points(to_second, at_turned), factor_second)
     is_near = _is_near_line(first, second, first_px, second_px, gate_share)
     pairs = _mutual_matches(features[0][1], features[1][1], is_near)
-    at, at_second = at[pairs[:, 0]], at_second[pairs[:, 1]]
-    jacobians = _jacobians(to_second, features[1][0][pairs[:, 1]])
-    at_second = _aligned((grey, grey_second), at, at_second, jacobians)
-    is_aligned = np.isfinite(at_second).all(axis=1)
-    return _at_full_size(at[is_aligned], factor), _at_full_size(
-        at_second[is_aligned], factor_second
-    )
-
-
-def _aligned(
-    pictures: tuple[ImageArray, ImageArray],
-    at: Float64Array,
-    at_second: Float64Array,
-    jacobians: Float64Array,
-) -> Float64Array:
-    """(n, 2) px in the second picture, NaN where neither a small patch nor one of twice its size agrees."""
-    aligned = np.full_like(at_second, np.nan)
-    for factor in ALIGNMENT_FACTORS:
-        left = ~np.isfinite(aligned).all(axis=1)
-        reduced = [
-            reduce_by(np.asarray(cv2.GaussianBlur(grey, (0, 0), NOISE_BLUR_PX), np.uint8), factor)
-            for grey in pictures
-        ]
-        places = [(points[left] + 0.5) / factor - 0.5 for points in (at, at_second)]
-        moved = align_patches(
-            reduced[0], reduced[1], places[0], places[1], jacobians[left], MAX_MOVE_PX / factor
-        )
-        aligned[left] = _at_full_size(moved, factor)
-    return aligned
+    pictures = [evenly_lit(picture) for picture in (grey, np.asarray(turned, np.uint8))]
+    corners = corners_of(pictures[0], mask)
+    at = np.concatenate([at[pairs[:, 0]], corners])
+    start = np.concatenate([at_turned[pairs[:, 1]], corners])
+    at, at_turned = follow_points(pictures[0], pictures[1], at, start)
+    first_px = _at_full_size(at, factor)
+    second_px = _at_full_size(map_points(to_second, at_turned), factor_second)
+    is_near = np.diagonal(_is_near_line(first, second, first_px, second_px, gate_share))
+    return first_px[is_near], second_px[is_near]
 
 
 def _reduced_grey(pixels_bgr: ImageArray) -> tuple[ImageArray, int]:
@@ -294,14 +266,6 @@ def _plane_homography(first: View, second: View) -> Float64Array:
         for view in (first, second)
     )
     return to_second @ np.linalg.inv(to_first)
-
-
-def _jacobians(homography: Float64Array, points: Float64Array) -> Float64Array:
-    """(n, 2, 2) derivatives of the mapped points by the points."""
-    scale = points @ homography[2, :2] + homography[2, 2]
-    mapped = map_points(homography, points)
-    slopes = homography[None, :2, :2] - mapped[:, :, None] * homography[None, 2:, :2]
-    return np.asarray(slopes / scale[:, None, None], np.float64)
 
 
 def _beside_sheet(view: View, factor: int, size: tuple[int, int]) -> ImageArray:
