@@ -70,6 +70,15 @@ def staff_password(name: str, password_file: PasswordFile = None) -> None:
     print(f"{name} has a new password.{ended.sentence}")
 
 
+@staff_cli.command("totp-off")
+def staff_totp_off(name: str) -> None:
+    """Ask a staff member who lost their phone for no more codes; the password is still needed."""
+    from app.people.access.staff import StaffChange
+
+    _change(name, StaffChange(ends_totp=True))
+    print(f"{name} can sign in without a code.")
+
+
 @staff_cli.command("disable")
 def staff_disable(name: str) -> None:
     """Disable a staff member and end their sessions and tokens for good.
@@ -101,6 +110,7 @@ def staff_list() -> None:
         for row in all_rows(lambda cursor: list_staff(database, cursor=cursor, limit=1000)):
             disabled = f", disabled {row.disabled_at:%Y-%m-%d}" if row.disabled_at else ""
             by = "password" if row.password_hash is not None else "token only"
+            by += " and code" if row.has_totp else ""
             print(f"{row.name}: {'admin' if row.is_admin else 'staff'}, {by}{disabled}")
 
 

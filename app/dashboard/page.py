@@ -7,6 +7,7 @@ from typing import Annotated
 from urllib.parse import quote, unquote
 
 from fastapi import Depends, Request
+from markupsafe import Markup
 from pydantic import BaseModel
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
@@ -20,6 +21,7 @@ from app.http.state import ApiState
 from app.people.access.caller import StaffCaller, reaches, role_in
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import PREFIX, is_https
+from app.people.devices import qr_svg
 from app.people.models import Role, Study
 
 NOTICE_COOKIE = "tada_notice"  # one sentence for the next page: "The device was revoked."
@@ -149,6 +151,11 @@ def current_page(request: Request, state: State, caller: CurrentStaff) -> Page:
 
 
 CurrentPage = Annotated[Page, Depends(current_page)]
+
+
+def drawn_qr(text: str) -> Markup:
+    """Draw a QR code to embed in a page."""
+    return Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
 
 
 def csv_file(model: type[BaseModel], rows: Sequence[BaseModel], name: str) -> Response:

@@ -181,7 +181,9 @@ class Device(Base):
 class Staff(Base):
     """A person who runs the server or works with the data.
 
-    password_hash: Argon2; NULL: can use tokens only.
+    password_hash: Argon2; NULL: can use tokens only. totp_secret: sealed; NULL: signing in with the
+    password needs no code. totp_step: the last time step whose code was used. oidc_identity: SHA-256
+    of the person's issuer and subject (people/access/oidc.py).
     """
 
     __tablename__ = "staff"
@@ -190,6 +192,9 @@ class Staff(Base):
     name: Mapped[str] = mapped_column(sa.String(200), unique=True)
     is_admin: Mapped[bool]
     password_hash: Mapped[str | None] = mapped_column(sa.String(200))
+    totp_secret: Mapped[str | None] = mapped_column(sa.String(200))
+    totp_step: Mapped[int | None] = mapped_column(sa.BigInteger)
+    oidc_identity: Mapped[str | None] = mapped_column(sa.String(64), unique=True, index=True)
     disabled_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 
@@ -197,6 +202,11 @@ class Staff(Base):
     def has_password(self) -> bool:
         """Whether the staff member can sign in with a password."""
         return self.password_hash is not None
+
+    @property
+    def has_totp(self) -> bool:
+        """Whether signing in with the password needs a code of an app, too."""
+        return self.totp_secret is not None
 
 
 class StudyMember(Base):

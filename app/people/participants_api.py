@@ -10,6 +10,7 @@ from app.http.parameters import ParticipantCode, StudyCode
 from app.http.problems import problem_responses
 from app.people import participants
 from app.people.access.deps import CurrentStaff, State
+from app.people.access.page_rules import server_address
 from app.people.access.secret_box import SecretBox
 from app.people.devices import capture_link, enrolment_text, issue_enrolment_code, qr_png, qr_svg
 from app.people.models import Participant
@@ -95,7 +96,7 @@ def post_enrolment_code(
     issued = issue_enrolment_code(
         state.database, study_code=study, participant_code=participant, caller=caller
     )
-    server = state.settings.public_url or str(request.base_url).rstrip("/")
+    server = server_address(request, state.settings)
     text = enrolment_text(server, issued.code)
     media_type = _preferred_picture(request.headers.get("accept", ""))
     if media_type == "image/png":

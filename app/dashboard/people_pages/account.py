@@ -3,6 +3,7 @@
 A session's token is in a cookie that scripts cannot read.
 """
 
+import re
 import uuid
 from typing import Annotated
 from urllib.parse import urlsplit
@@ -26,13 +27,14 @@ from app.dashboard.forms import (
     read_form,
     refused,
 )
-from app.dashboard.page import CurrentPage, Page
+from app.dashboard.page import CurrentPage, Page, drawn_qr
 from app.dashboard.templates import render
 from app.http.rate_limit import caller_address
-from app.people.access import access_tokens, sign_in
+from app.people.access import access_tokens, sign_in, staff, totp
 from app.people.access.deps import CurrentStaff, State
-from app.people.access.page_rules import PREFIX, is_https, session_cookie
+from app.people.access.page_rules import PREFIX, is_https, server_address, session_cookie
 from app.people.access.passwords import Passwords
+from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import SignInLimits
 from app.people.access.staff_schemas import PasswordChangeIn, TokenIn
 from app.people.studies import list_study_codes
@@ -76,6 +78,52 @@ def post_password(page: CurrentPage, request: Request, fields: Fields) -> Respon
     return page.redirect(f"{PREFIX}/sign-in")
 
 
+@router.get(f"{PATH}/totp")
+def get_totp(page: CurrentPage) -> Response:
+    """A fresh secret to set an app up with; it is kept once a code of it was entered."""
+    return _totp(page, totp.new_secret())
+
+
+@router.post(f"{PATH}/totp")
+def post_totp(page: CurrentPage, fields: Fields) -> Response:
+    """Turn codes on."""
+    values = form_values(fields)
+    secret = values.get("secret", "")
+    if not re.fullmatch(totp.BASE32, secret):
+        return page.redirect(f"{PATH}/totp")
+    try:
+        box, code = page.state.part(SecretBox), values.get("code", "")
+        totp.turn_on(page.database, box, page.caller, secret, code)
+    except InvalidInputError as error:
+        return _totp(page, secret, refused(error, name="code"))
+    return page.redirect(PATH, "From now on signing in with your password needs a code.")
+
+
+@router.post(f"{PATH}/totp/removal")
+def post_totp_removal(page: CurrentPage, request: Request, fields: Fields) -> Response:
+    """Turn codes off, by password and code."""
+    values = form_values(fields)
+    password, code = values.get("totp_password", ""), values.get("code", "")
+    try:
+        with page.state.part(SignInLimits).trying(page.caller.name, caller_address(request)):
+            sign_in.check_password(
+                page.database, page.state.part(Passwords), page.caller.name, password
+            )
+            totp.turn_off(page.database, page.state.part(SecretBox), page.caller, code)
+    except (RateLimitedError, InvalidInputError) as error:
+        return _account(page, refused(error, name="code"))
+    except UnauthenticatedError:
+        wrong = {"totp_password": "This is not your password."}
+        return _account(page, FormState(wrong=wrong, status=422))
+    return page.redirect(PATH, "Signing in needs no code any more.")
+
+
+def _totp(page: Page, secret: str, form: FormState = EMPTY_FORM) -> Response:
+    host = urlsplit(server_address(page.request, page.state.settings)).hostname or "tada"
+    uri = totp.setup_uri(secret, name=page.caller.name, server=host)
+    return page.render("totp.html", form=form, secret=secret, qr=drawn_qr(uri))
+
+
 @router.post(f"{PATH}/tokens")
 def post_token(page: CurrentPage, fields: Fields) -> Response:
     """Create a personal token, which is shown once."""
@@ -109,6 +157,7 @@ def _account(
         "account.html",
         form=form,
         session=sign_in.read_session(page.database, page.caller),
+        me=staff.read_staff(page.database, page.caller.name),
         studies=list_study_codes(page.database, page.caller),
         tokens=access_tokens.list_tokens(page.database, page.caller),
         issued=issued,
@@ -124,7 +173,9 @@ async def get_root() -> Response:
 @router.get(f"{PREFIX}/sign-in")
 def get_sign_in(next: Annotated[str, "path"] = "") -> HTMLResponse:  # noqa: A002  # the parameter's name
     """The form."""
-    return HTMLResponse(render("sign_in.html", next=safe_path(next), name="", refused=None))
+    return HTMLResponse(
+        render("sign_in.html", next=safe_path(next), name="", proof="", refused=None)
+    )
 
 
 @router.post(f"{PREFIX}/sign-in")
@@ -134,14 +185,30 @@ def post_sign_in(
     name: Annotated[str, Form(max_length=LONGEST)] = "",
     password: Annotated[str, Form(max_length=LONGEST)] = "",
     next: Annotated[str, Form(max_length=LONGEST)] = "",  # noqa: A002  # the field's name
+    code: Annotated[str, Form(max_length=LONGEST)] = "",
+    proof: Annotated[str, Form(max_length=LONGEST)] = "",
 ) -> Response:
-    """Sign in, then redirect to the requested page."""
-    target = safe_path(next)
+    """Sign in, if necessary in two steps, then redirect to the requested page.
+
+    proof: that the password was right, sealed in the page that asks for the code.
+    """
+    target, box, checked_hash = safe_path(next), state.part(SecretBox), ""
     try:
         with state.part(SignInLimits).trying(name, caller_address(request)):
-            issued = sign_in.sign_in(state.database, state.part(Passwords), name, password)
+            if proof:
+                checked_hash = sign_in.open_proof(box, proof)
+            else:
+                checked_hash = sign_in.check_password(
+                    state.database, state.part(Passwords), name, password
+                )
+            issued = sign_in.open_session(state.database, box, name, checked_hash, code)
     except (UnauthenticatedError, RateLimitedError) as error:
-        page = render("sign_in.html", next=target, name=name, refused=error.message)
+        if error.code == "code_needed":
+            proof = box.seal(checked_hash)
+        elif isinstance(error, UnauthenticatedError):
+            proof = ""
+        refused = error.message if code or not proof else None
+        page = render("sign_in.html", next=target, name=name, proof=proof, refused=refused)
         return HTMLResponse(page, status_code=error.status)
     answer = RedirectResponse(target, status_code=303)
     is_secure = is_https(request, state.settings)

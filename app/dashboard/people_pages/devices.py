@@ -12,12 +12,12 @@ from starlette.responses import Response
 
 from app.core.errors import InvalidInputError, NotFoundError
 from app.dashboard.forms import Fields, form_values
-from app.dashboard.page import CurrentPage, Page
+from app.dashboard.page import CurrentPage, Page, drawn_qr
 from app.http.paging import Cursor
 from app.messages.catalogue import catalogue
 from app.people import devices, participants
-from app.people.access.page_rules import PREFIX, study_address
-from app.people.devices import capture_link, enrolment_text, issue_enrolment_code, qr_svg
+from app.people.access.page_rules import PREFIX, server_address, study_address
+from app.people.devices import capture_link, enrolment_text, issue_enrolment_code
 from app.vision.marker_spec import DEFAULT_MARKER, FORMS, USUAL, parse_marker
 
 router = APIRouter(include_in_schema=False)
@@ -97,24 +97,20 @@ def post_enrol(page: CurrentPage, study: str, fields: Fields) -> Response:
         return page.render(
             "enrol.html", status=422, cards=[], refused=wrong_codes, codes=entered, has_app=has_app
         )
-    server = page.state.settings.public_url or str(page.request.base_url).rstrip("/")
+    server = server_address(page.request, page.state.settings)
     cards = []
     for code in codes:
         issued = issue_enrolment_code(
             page.database, study_code=study, participant_code=code, caller=page.caller
         )
         link = capture_link(server, issued.code)
-        app_svg = _drawn(enrolment_text(server, issued.code)) if has_app else None
-        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, _drawn(link)))
+        app_svg = drawn_qr(enrolment_text(server, issued.code)) if has_app else None
+        cards.append(Card(code, issued.code, issued.expires_at, link, app_svg, drawn_qr(link)))
     locale = page.require_study().locale
     words = {code: sentences[locale] for code, sentences in catalogue("cards").items()}
     return page.render(
         "enrol.html", cards=cards, refused=[], codes=entered, locale=locale, words=words
     )
-
-
-def _drawn(text: str) -> Markup:
-    return Markup(qr_svg(text))  # noqa: S704  # drawn by segno, holds no text
 
 
 def _why_no_card(page: Page, study: str, code: str) -> str | None:

@@ -56,7 +56,7 @@ def post_change(page: CurrentPage, fields: Fields) -> Response:
     name = values.pop("name", "")
     body = read_form(StaffPatch, values)
     password = body.password.get_secret_value() if body.password is not None else None
-    change = staff.StaffChange(body.is_admin, body.is_disabled, password)
+    change = staff.StaffChange(body.is_admin, body.is_disabled, password, ends_totp=body.ends_totp)
     changed = staff.change_staff(
         page.database, page.state.part(Passwords), name, change, page.caller
     )

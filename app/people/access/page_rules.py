@@ -109,6 +109,9 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "POST /dashboard/staff/change": "PATCH /v1/staff/{name}",
         "GET /dashboard/account": "GET /v1/tokens",
         "POST /dashboard/account/password": "POST /v1/sessions/current/password",
+        "GET /dashboard/account/totp": "POST /v1/sessions/current/password",
+        "POST /dashboard/account/totp": "POST /v1/sessions/current/password",
+        "POST /dashboard/account/totp/removal": "POST /v1/sessions/current/password",
         "POST /dashboard/account/tokens": "POST /v1/tokens",
         "POST /dashboard/account/tokens/{token_id}/revocation": "DELETE /v1/tokens/{token_id}",
         # webhooks
@@ -198,6 +201,11 @@ def session_cookie(request: Request, settings: Settings) -> str:
     Under HTTPS its prefix prevents that another host or plain HTTP sets it.
     """
     return "__Host-tada_session" if is_https(request, settings) else "tada_session"
+
+
+def server_address(request: Request, settings: Settings) -> str:
+    """Return the server's address as its callers reach it, without a slash at the end."""
+    return settings.public_url or str(request.base_url).rstrip("/")
 
 
 def is_https(request: Request, settings: Settings) -> bool:

@@ -54,6 +54,13 @@ class SecretBox:
                 "TADA_SECRET_KEY is not the key that this secret was sealed with."
             ) from None
 
+    def open_recent(self, sealed: str, seconds: int) -> str | None:
+        """Decrypt what a browser kept for us; None if it was not sealed here in the last so many seconds."""
+        try:
+            return self._fernet.decrypt(sealed.encode(), ttl=seconds).decode()
+        except InvalidToken:
+            return None
+
     def digest(self, kind: str, value: str) -> str:
         """Return the HMAC-SHA-256 (hex) of a value, which only this server can compute."""
         return hmac.new(self._digest_key, f"{kind}\0{value}".encode(), hashlib.sha256).hexdigest()

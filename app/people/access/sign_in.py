@@ -1,7 +1,8 @@
-"""Staff sign in with name and password, sign out, and change their password.
+"""Staff sign in with name, password and perhaps a code, sign out, and change their password.
 
-All refusals look and take the same. Attempts are limited by name and address, so that an attacker
-cannot lock out another person's name; the database counts them for all processes and hosts.
+All refusals of names and passwords look and take the same. Attempts are limited by name and
+address, so that an attacker cannot lock out another person's name; the database counts them for all
+processes and hosts.
 """
 
 import math
@@ -9,6 +10,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
+from typing import Literal
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -25,6 +27,7 @@ from app.people.access.passwords import Passwords
 from app.people.access.secret_box import SecretBox
 from app.people.access.staff import normal_name
 from app.people.access.staff_schemas import SessionIssued, SessionOut
+from app.people.access.totp import WRONG, use_code
 from app.people.models import AccessToken, SignInAttempt, Staff
 
 MINUTE = timedelta(minutes=1)
@@ -34,15 +37,33 @@ SESSIONS_KEPT = timedelta(days=30)  # rows of ended sessions
 ADDRESS_FACTOR = 3
 NAME_FACTOR = 10  # attempts of one name from all addresses, as the same multiple
 WINDOW = timedelta(minutes=1)
+PROOF_SECONDS = 300  # for entering the code after the password
 FAILURES_KEPT, SUCCESSES_KEPT = timedelta(hours=1), timedelta(days=90)
 # of PostgreSQL, that attempts are counted one after the other: any number of our own
 LOCK = 7_346_210_988
 
 
-def sign_in(database: Database, passwords: Passwords, name: str, password: str) -> SessionIssued:
+def sign_in(
+    database: Database,
+    box: SecretBox,
+    passwords: Passwords,
+    name: str,
+    password: str,
+    code: str = "",
+) -> SessionIssued:
     """Open a session.
 
-    Raises UnauthenticatedError (`sign_in_failed`): unknown name, wrong password or disabled.
+    Raises UnauthenticatedError: `sign_in_failed` for an unknown name, a wrong password or a disabled
+    account; `code_needed` if only the code is missing or wrong.
+    """
+    checked_hash = check_password(database, passwords, name, password)
+    return open_session(database, box, name, checked_hash, code)
+
+
+def check_password(database: Database, passwords: Passwords, name: str, password: str) -> str:
+    """Return the hash of a right password, by which `open_session` notices a change.
+
+    Raises UnauthenticatedError (`sign_in_failed`).
     """
     with database.read() as session:
         candidate = people.find_staff(session, normal_name(name))
@@ -51,26 +72,68 @@ def sign_in(database: Database, passwords: Passwords, name: str, password: str) 
         verdict = passwords.check(password, checked_hash)
     except InvalidInputError:
         raise _failure() from None
-    if candidate is None or candidate.disabled_at is not None or not verdict.is_right:
+    is_disabled = candidate is None or candidate.disabled_at is not None
+    if checked_hash is None or is_disabled or not verdict.is_right:
         raise _failure()
-    token, now = new_token(), datetime.now(UTC)
+    if verdict.fresh_hash is None:
+        return checked_hash
     with database.write() as session:
-        staff = people.find_staff(session, candidate.name, lock=True)
+        staff = people.find_staff(session, normal_name(name), lock=True)
+        if staff is not None and staff.password_hash == checked_hash:
+            staff.password_hash = verdict.fresh_hash
+    return verdict.fresh_hash
+
+
+def open_session(
+    database: Database, box: SecretBox, name: str, checked_hash: str, code: str
+) -> SessionIssued:
+    """Open a session of a person whose password was right. Raises UnauthenticatedError as `sign_in` does."""
+    now = datetime.now(UTC)
+    with database.write() as session:
+        staff = people.find_staff(session, normal_name(name), lock=True)
         if staff is None or staff.disabled_at is not None or staff.password_hash != checked_hash:
             raise _failure()  # disabled or given another password meanwhile
-        if verdict.fresh_hash is not None:
-            staff.password_hash = verdict.fresh_hash
-        people.delete_sessions(session, staff.id, now - SESSIONS_KEPT)
-        row = AccessToken(
-            id=uuid.uuid4(),
-            token_sha256=sha256_hex(token),
-            kind="session",
-            staff_id=staff.id,
-            created_at=now,
-            expires_at=now + SESSION_VALID,
+        if staff.has_totp and not code:
+            raise UnauthenticatedError("Enter the code that your app shows.", code="code_needed")
+        if not staff.has_totp or use_code(box, staff, code, now):
+            return add_session(session, staff, now)
+    raise UnauthenticatedError(WRONG, code="code_needed")  # after the commit: the code is used up
+
+
+def open_proof(box: SecretBox, proof: str) -> str:
+    """Return the checked hash that was sealed in the page that asks for the code.
+
+    Raises UnauthenticatedError (`sign_in_failed`).
+    """
+    checked_hash = box.open_recent(proof, PROOF_SECONDS)
+    if checked_hash is None:
+        raise UnauthenticatedError(
+            "That took too long: enter your password again.", code="sign_in_failed"
         )
-        session.add(row)
-        note(session, StaffCaller(staff.id, staff.name, staff.is_admin, row.id), "session.open")
+    return checked_hash
+
+
+def add_session(
+    session: Session,
+    staff: Staff,
+    now: datetime,
+    *,
+    by: Literal["password", "oidc"] = "password",
+) -> SessionIssued:
+    """Open a session of a person who has proved who they are."""
+    token = new_token()
+    people.delete_sessions(session, staff.id, now - SESSIONS_KEPT)
+    row = AccessToken(
+        id=uuid.uuid4(),
+        token_sha256=sha256_hex(token),
+        kind="session",
+        staff_id=staff.id,
+        created_at=now,
+        expires_at=now + SESSION_VALID,
+    )
+    session.add(row)
+    caller = StaffCaller(staff.id, staff.name, staff.is_admin, row.id)
+    note(session, caller, "session.open", by=by)
     return SessionIssued(
         token=token,
         name=staff.name,

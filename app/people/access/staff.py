@@ -29,12 +29,14 @@ NAME_LENGTH = 100
 class StaffChange:
     """A change of a staff member; None leaves a field unchanged.
 
-    Disabling, or replacing a password, ends all sessions and tokens.
+    Disabling, or replacing a password, ends all sessions and tokens. ends_totp: signing in needs no
+    code any more.
     """
 
     is_admin: bool | None = None
     is_disabled: bool | None = None
     password: str | None = None
+    ends_totp: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +134,9 @@ def change_staff(
         if hashed is not None:
             staff.password_hash = hashed
             fields.append("password")
+        if change.ends_totp and staff.has_totp:
+            staff.totp_secret = None
+            fields.append("totp")
         ended = (
             end_access(session, staff.id, now)
             if change.is_disabled or is_replaced

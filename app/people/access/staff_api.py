@@ -17,6 +17,7 @@ from app.http.rate_limit import caller_address
 from app.people.access import access_tokens, sign_in, staff
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.passwords import Passwords
+from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import SignInLimits
 from app.people.access.staff_schemas import (
     EndedAccessOut,
@@ -84,7 +85,9 @@ def patch_staff(
     Disabling them, or replacing their password, ends their sessions and personal tokens permanently: see `ended`. A
     first password ends nothing.
     """
-    change = staff.StaffChange(body.is_admin, body.is_disabled, _secret(body.password))
+    change = staff.StaffChange(
+        body.is_admin, body.is_disabled, _secret(body.password), ends_totp=body.ends_totp
+    )
     changed = staff.change_staff(state.database, state.part(Passwords), name, change, caller)
     ended = EndedAccessOut.model_validate(changed.ended, from_attributes=True)
     return StaffChangedOut(**_render(changed.staff).model_dump(), ended=ended)
@@ -103,7 +106,12 @@ def post_session(body: SessionIn, request: Request, state: State) -> SessionIssu
     """Sign in. An unknown name, a wrong password and a disabled account get the same 401, after the same time."""
     with state.part(SignInLimits).trying(body.name, caller_address(request)):
         return sign_in.sign_in(
-            state.database, state.part(Passwords), body.name, body.password.get_secret_value()
+            state.database,
+            state.part(SecretBox),
+            state.part(Passwords),
+            body.name,
+            body.password.get_secret_value(),
+            body.code,
         )
 
 

@@ -21,12 +21,17 @@ Password = Annotated[SecretStr, Field(max_length=1000)]
 
 
 class SessionIn(BaseModel):
-    """Name and password."""
+    """Name, password and, for those who have turned it on, a code of their app."""
 
     model_config = ConfigDict(extra="forbid")
 
     name: StaffName = Field(description=STAFF_NAME)
     password: Password = Field(description="The staff member's password.")
+    code: str = Field(
+        default="",
+        max_length=20,
+        description="The code that their app shows, if they have turned codes on.",
+    )
 
 
 class SessionIssued(BaseModel):
@@ -87,6 +92,10 @@ class StaffPatch(BaseModel):
     password: NewPassword | None = Field(
         default=None, description="A new password; null: unchanged."
     )
+    ends_totp: bool = Field(
+        default=False,
+        description="true turns off the codes that they are asked for, as after the loss of their phone.",
+    )
 
 
 class StaffOut(BaseModel):
@@ -97,6 +106,7 @@ class StaffOut(BaseModel):
     has_password: bool = Field(
         description="Whether they have a password; without one they cannot sign in."
     )
+    has_totp: bool = Field(description="Whether signing in needs a code of their app, too.")
     disabled_at: datetime | None = Field(
         description="When they were disabled; null: they may sign in."
     )

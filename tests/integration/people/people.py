@@ -40,11 +40,9 @@ def sign_in(client, name, password=PASSWORD):
 def make_staff(client, admin, name, *, is_admin=False, **roles):
     """Create a staff member with roles by study and sign them in, by the services that the calls ask."""
     state = client.app.state.api
-    database, hashing = state.database, state.part(Passwords)
-    caller = require_staff(
-        authenticate(database, state.part(SecretBox), admin["Authorization"].removeprefix("Bearer "))
-    )
+    database, box, hashing = state.database, state.part(SecretBox), state.part(Passwords)
+    caller = require_staff(authenticate(database, box, admin["Authorization"].removeprefix("Bearer ")))
     create_staff(database, hashing, name, is_admin=is_admin, password=PASSWORD, caller=caller)
     for study, role in roles.items():
         set_member(database, caller, study, name, role)
-    return Person(client, name, bearer(open_session(database, hashing, name, PASSWORD).token))
+    return Person(client, name, bearer(open_session(database, box, hashing, name, PASSWORD).token))

@@ -10,9 +10,11 @@ from app.cli.people import read_password
 from app.core.errors import ConflictError, InvalidInputError, UnauthenticatedError
 from app.db.session import Database
 from app.people.access.passwords import Passwords
+from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import sign_in
 
 PASSWORD = "correct horse battery"
+BOX = SecretBox("s" * 32)
 
 
 @pytest.fixture
@@ -40,23 +42,23 @@ def test_staff_is_created_with_a_password_from_a_file_or_standard_input(tada, da
     file = tmp_path / "password"
     file.write_bytes(PASSWORD.encode() + b"\r\nsecond line\n")
     assert "olga can sign in" in tada("staff", "create", "olga", "--password-file", str(file))
-    assert not sign_in(database, Passwords(), "olga", PASSWORD).is_admin
+    assert not sign_in(database, BOX, Passwords(), "olga", PASSWORD).is_admin
     output = tada("staff", "create", "root", "--admin", "--password-file", "-", stdin=PASSWORD + "\n")
     assert PASSWORD not in output
-    assert sign_in(database, Passwords(), "root", PASSWORD).is_admin
+    assert sign_in(database, BOX, Passwords(), "root", PASSWORD).is_admin
 
 
 def test_new_password_disabling_and_enabling(tada, database):
     tada("admin", "create", "admin")
     tada("staff", "create", "olga", "--password-file", "-", stdin=PASSWORD)
     tada("staff", "password", "olga", "--password-file", "-", stdin="another " + PASSWORD)
-    sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+    sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
     tada("staff", "disable", "olga")
     with pytest.raises(UnauthenticatedError):
-        sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+        sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
     assert "olga: staff, password, disabled" in tada("staff", "list")
     tada("staff", "enable", "olga")
-    sign_in(database, Passwords(), "olga", "another " + PASSWORD)
+    sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
     assert "admin: admin, token only" in tada("staff", "list")
     with pytest.raises(ConflictError):  # the last admin
         tada("staff", "disable", "admin")
