@@ -9,10 +9,10 @@ precedence over a file.
 import os
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 from urllib.parse import quote, urlsplit
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, model_validator
 from pydantic_settings import (
     BaseSettings,
     PydanticBaseSettingsSource,
@@ -96,6 +96,17 @@ class Settings(BaseSettings):
         default=None,
         description="Origins of others' web apps that may call the API, separated by commas, such as "
         "https://app.example.org; unset: those of studies alone.",
+    )
+
+    oidc_issuer: str | None = Field(
+        default=None,
+        pattern=r"^(https://|http://(localhost|127\.0\.0\.1)(:\d+)?(/|$))\S*$",
+        description="Provider by whose accounts staff may sign in, too (OpenID Connect), such as "
+        "https://login.example.org.",
+    )
+    oidc_client_id: str | None = Field(default=None, description="The server's name there.")
+    oidc_client_secret: SecretStr | None = Field(
+        default=None, description="The server's secret there."
     )
 
     push_contact: str | None = Field(
@@ -234,6 +245,13 @@ class Settings(BaseSettings):
         if not Path(folder).is_dir():
             raise NotADirectoryError(f"TADA_SECRETS_DIR: {folder} is not a folder.")
         return init_settings, env_settings, SecretsSettingsSource(settings_cls, secrets_dir=folder)
+
+    @model_validator(mode="after")
+    def _require_whole_provider(self) -> Self:
+        values = self.oidc_issuer, self.oidc_client_id, self.oidc_client_secret
+        if any(values) and not all(values):
+            raise ValueError("Set all of TADA_OIDC_ISSUER, _CLIENT_ID and _CLIENT_SECRET, or none.")
+        return self
 
     @cached_property
     def resolved_database_url(self) -> str:

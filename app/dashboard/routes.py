@@ -12,6 +12,7 @@ from app.dashboard.people_pages import (
     account,
     audit,
     devices,
+    institution,
     participant,
     participants,
     staff,
@@ -23,6 +24,7 @@ from app.people.access.page_rules import ELSEWHERE, study_address
 router = APIRouter(include_in_schema=False)
 for page in (
     account,
+    institution,
     studies,
     overview,
     item_actions,

@@ -223,6 +223,12 @@ def find_staff(session: Session, name: str, *, lock: bool = False) -> Staff | No
     return session.scalars(_locked(sa.select(Staff).where(Staff.name == name), lock)).one_or_none()
 
 
+def find_staff_by_identity(session: Session, identity: str) -> Staff | None:
+    """Return the staff member who linked this identity, locked until commit."""
+    query = sa.select(Staff).where(Staff.oidc_identity == identity)
+    return session.scalars(_locked(query, True)).one_or_none()
+
+
 def page_of_staff(session: Session, *, after: str | None, limit: int) -> list[Staff]:
     """Return staff by name, after the name `after`."""
     return list(session.scalars(_page_after(sa.select(Staff), Staff.name, after, limit)))

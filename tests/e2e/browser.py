@@ -4,6 +4,7 @@
 """
 
 import contextlib
+import os
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -121,3 +122,14 @@ def violations(page: Any, **options: Any) -> list[tuple[str, str, str]]:
     found = Axe().run(page, options=DEFAULT_OPTIONS | options).response["violations"]
     rules = [(one["id"], one["impact"], one["nodes"][0]["html"][:200]) for one in found]
     return rules + [("wider than the window", "serious", one) for one in page.evaluate(WIDER)]
+
+
+def require_legible(page: Any, name: str) -> None:
+    """Nothing is wrong on the page, wide and narrow. TADA_TEST_PICTURES: a folder for what it looks like."""
+    for width, scheme in ((1280, "light"), (390, "dark")):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({"width": width, "height": 900})
+        if folder := os.environ.get("TADA_TEST_PICTURES"):
+            page.screenshot(path=f"{folder}/{name}-{width}.png", full_page=True)
+        assert violations(page) == []
+    page.set_viewport_size({"width": 1280, "height": 900})

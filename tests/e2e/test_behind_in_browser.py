@@ -1,13 +1,12 @@
 """A coordinator finds who is behind and reminds them in four clicks; the pages are legible, wide and narrow."""
 
-import os
 import re
 from datetime import UTC, datetime, timedelta
 
 import pytest
 
 from app.extras.reminders.web_push import text_of
-from tests.e2e.browser import violations
+from tests.e2e.browser import require_legible
 from tests.e2e.dashboard_server import PASSWORD, require
 from tests.integration.diary.eaten_days import add_meal, eaten_item
 from tests.support.push_services import Browser
@@ -42,16 +41,6 @@ def wanted(browser, number):
     keys = {"p256dh": text_of(browser.receiver.public_key), "auth": text_of(browser.receiver.auth)}
     quiet = {"quiet_from": "22:00", "quiet_until": "22:00", "time_zone": "UTC", "times": None}
     return {"subscription": {"endpoint": f"https://push.example.org/send/{number}", "keys": keys}} | quiet
-
-
-def require_legible(page, name):
-    """Nothing is wrong on the page, wide and narrow. TADA_TEST_PICTURES: a folder for what it looks like."""
-    for width in (1280, 390):
-        page.set_viewport_size({"width": width, "height": 900})
-        if folder := os.environ.get("TADA_TEST_PICTURES"):
-            page.screenshot(path=f"{folder}/{name}-{width}.png", full_page=True)
-        assert violations(page) == []
-    page.set_viewport_size({"width": 1280, "height": 900})
 
 
 def test_coordinator_finds_who_is_behind_and_reminds_three_in_four_clicks(behind, open_page):

@@ -1,6 +1,5 @@
 """Blind review by keyboard and how far the reviewers agree, in a real browser: wide, narrow, without a violation."""
 
-import os
 import re
 import uuid
 
@@ -11,7 +10,7 @@ from playwright.sync_api import expect
 from app.meals.stored.decision_models import ReviewDecision
 from app.meals.stored.models import Meal
 from app.people.models import Staff
-from tests.e2e.browser import violations
+from tests.e2e.browser import require_legible
 from tests.e2e.dashboard_server import PASSWORD
 from tests.support.estimates import identified_item
 from tests.support.two_reviewers import made_study
@@ -38,17 +37,6 @@ def study_of(served):
         return f"/dashboard/studies/{code}"
 
     return study_of
-
-
-def require_legible(page, name):
-    """Nothing is wrong on the page, wide and narrow; TADA_TEST_PICTURES: a folder for pictures of it."""
-    for width, scheme in ((1280, "light"), (390, "dark")):
-        page.emulate_media(color_scheme=scheme)
-        page.set_viewport_size({"width": width, "height": 900})
-        if folder := os.environ.get("TADA_TEST_PICTURES"):
-            page.screenshot(path=f"{folder}/{name}-{width}.png", full_page=True)
-        assert violations(page) == []
-    page.set_viewport_size({"width": 1280, "height": 900})
 
 
 def item(page):

@@ -42,6 +42,7 @@ MEAL = f"{OF_STUDY}/meals/{{participant}}/{{meal_id}}"
 PARTS = {
     "/",
     "/dashboard/sign-in",
+    "/dashboard/sign-in/return",
     f"{OF_STUDY}/adequacy/figures",
     f"{OF_STUDY}/blind/{{item}}/picture",
     f"{OF_STUDY}/changed-meals",

@@ -3,8 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
+from tests.e2e.browser import require_legible
 from tests.e2e.dashboard_server import PASSWORD
-from tests.e2e.test_blind_review_in_browser import require_legible
 from tests.integration.diary.eaten_days import add_meal, close, eaten_item
 
 pytestmark = pytest.mark.slow

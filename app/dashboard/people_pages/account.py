@@ -30,13 +30,18 @@ from app.dashboard.forms import (
 from app.dashboard.page import CurrentPage, Page, drawn_qr
 from app.dashboard.templates import render
 from app.http.rate_limit import caller_address
+from app.http.state import ApiState
 from app.people.access import access_tokens, sign_in, staff, totp
 from app.people.access.deps import CurrentStaff, State
-from app.people.access.page_rules import PREFIX, is_https, server_address, session_cookie
+from app.people.access.page_rules import (
+    PREFIX,
+    SESSION_COOKIE,
+    set_own_cookie,
+)
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import SignInLimits
-from app.people.access.staff_schemas import PasswordChangeIn, TokenIn
+from app.people.access.staff_schemas import PasswordChangeIn, SessionIssued, TokenIn
 from app.people.studies import list_study_codes
 
 router = APIRouter(include_in_schema=False)
@@ -119,7 +124,7 @@ def post_totp_removal(page: CurrentPage, request: Request, fields: Fields) -> Re
 
 
 def _totp(page: Page, secret: str, form: FormState = EMPTY_FORM) -> Response:
-    host = urlsplit(server_address(page.request, page.state.settings)).hostname or "tada"
+    host = page.request.url.hostname or "tada"
     uri = totp.setup_uri(secret, name=page.caller.name, server=host)
     return page.render("totp.html", form=form, secret=secret, qr=drawn_qr(uri))
 
@@ -171,11 +176,10 @@ async def get_root() -> Response:
 
 
 @router.get(f"{PREFIX}/sign-in")
-def get_sign_in(next: Annotated[str, "path"] = "") -> HTMLResponse:  # noqa: A002  # the parameter's name
+def get_sign_in(state: State, next: Annotated[str, "path"] = "") -> Response:  # noqa: A002  # the parameter's name
     """The form."""
-    return HTMLResponse(
-        render("sign_in.html", next=safe_path(next), name="", proof="", refused=None)
-    )
+    context = {"next": safe_path(next), "name": "", "proof": "", "refused": None}
+    return HTMLResponse(render("sign_in.html", issuer=state.settings.oidc_issuer, **context))
 
 
 @router.post(f"{PREFIX}/sign-in")
@@ -208,18 +212,16 @@ def post_sign_in(
         elif isinstance(error, UnauthenticatedError):
             proof = ""
         refused = error.message if code or not proof else None
-        page = render("sign_in.html", next=target, name=name, proof=proof, refused=refused)
+        context = {"next": target, "name": name, "proof": proof, "refused": refused}
+        page = render("sign_in.html", issuer=state.settings.oidc_issuer, **context)
         return HTMLResponse(page, status_code=error.status)
+    return signed_in(request, state, issued, target)
+
+
+def signed_in(request: Request, state: ApiState, issued: SessionIssued, target: str) -> Response:
+    """Give the session to the browser, and redirect to a page."""
     answer = RedirectResponse(target, status_code=303)
-    is_secure = is_https(request, state.settings)
-    answer.set_cookie(
-        session_cookie(request, state.settings),
-        issued.token,
-        path="/" if is_secure else PREFIX,  # the prefix __Host- requires "/"
-        secure=is_secure,
-        httponly=True,
-        samesite="lax",
-    )
+    set_own_cookie(answer, request, state.settings, SESSION_COOKIE, issued.token)
     return answer
 
 
@@ -228,10 +230,7 @@ def post_sign_out(request: Request, state: State, caller: CurrentStaff) -> Respo
     """End the session and revoke its token."""
     sign_in.sign_out(state.database, caller)
     answer = RedirectResponse(f"{PREFIX}/sign-in", status_code=303)
-    is_secure = is_https(request, state.settings)
-    answer.delete_cookie(
-        session_cookie(request, state.settings), path="/" if is_secure else PREFIX, secure=is_secure
-    )
+    set_own_cookie(answer, request, state.settings, SESSION_COOKIE, "", max_age=0)
     answer.headers["Clear-Site-Data"] = '"cache"'
     return answer
 

@@ -336,7 +336,7 @@ def _token(
 ) -> str:
     """Return the token: of a page from the cookie only, of an API call from the header only."""
     if rule.page:
-        token = request.cookies.get(pages.session_cookie(request, state.settings))
+        token = request.cookies.get(pages.own_cookie(request, state.settings, pages.SESSION_COOKIE))
         if token is None:
             raise UnauthenticatedError("Sign in first.")
         return token

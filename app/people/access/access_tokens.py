@@ -39,9 +39,13 @@ class EndedAccess:
         return f" Ended: {' and '.join(ended)}." if ended else ""
 
 
-def end_access(session: Session, staff_id: uuid.UUID, now: datetime) -> EndedAccess:
-    """End a staff member's sessions and tokens: someone who knew the old password may have created some."""
-    ended = people.end_access_of_staff(session, staff_id, now)
+def end_access(session: Session, staff: Staff, now: datetime) -> EndedAccess:
+    """End a staff member's sessions and tokens, and the link to an account of their institution.
+
+    Someone who knew the old password may have created some.
+    """
+    staff.oidc_identity = None
+    ended = people.end_access_of_staff(session, staff.id, now)
     names = sorted(row.name or "" for row in ended if row.kind == "personal")
     return EndedAccess(sum(row.kind == "session" for row in ended), tuple(names))
 

@@ -10,11 +10,13 @@ from typing import Final
 from urllib.parse import quote, urlsplit
 
 from starlette.requests import Request
+from starlette.responses import Response
 
 from app.core.errors import NotAllowedError
 from app.core.settings import Settings
 
 PREFIX: Final = "/dashboard"
+SESSION_COOKIE: Final = "tada_session"
 
 STUDY_PAGES: Final = f"{PREFIX}/studies/{{study}}"
 ELSEWHERE: Final = f"{STUDY_PAGES}/{{rest:path}}"  # addresses without a page
@@ -40,6 +42,8 @@ OPEN_PAGES: frozenset[Call] = frozenset(
         ("GET", "/"),
         ("GET", f"{PREFIX}/sign-in"),
         ("POST", f"{PREFIX}/sign-in"),
+        ("POST", f"{PREFIX}/sign-in/institution"),
+        ("GET", f"{PREFIX}/sign-in/return"),
     }
 )
 MEAL: Final = f"{PREFIX}/studies/{{study}}/meals/{{participant}}/{{meal_id}}"
@@ -112,6 +116,8 @@ PAGES: Mapping[Call, Call] = _pairs(  # ~: the study, of the dashboard or of the
         "GET /dashboard/account/totp": "POST /v1/sessions/current/password",
         "POST /dashboard/account/totp": "POST /v1/sessions/current/password",
         "POST /dashboard/account/totp/removal": "POST /v1/sessions/current/password",
+        "POST /dashboard/account/institution": "POST /v1/sessions/current/password",
+        "POST /dashboard/account/institution/removal": "POST /v1/sessions/current/password",
         "POST /dashboard/account/tokens": "POST /v1/tokens",
         "POST /dashboard/account/tokens/{token_id}/revocation": "DELETE /v1/tokens/{token_id}",
         # webhooks
@@ -195,12 +201,33 @@ POLLED: frozenset[Call] = frozenset(
 )
 
 
-def session_cookie(request: Request, settings: Settings) -> str:
-    """Return the cookie's name.
+def own_cookie(request: Request, settings: Settings, name: str) -> str:
+    """Return a cookie's full name.
 
     Under HTTPS its prefix prevents that another host or plain HTTP sets it.
     """
-    return "__Host-tada_session" if is_https(request, settings) else "tada_session"
+    return f"__Host-{name}" if is_https(request, settings) else name
+
+
+def set_own_cookie(
+    answer: Response,
+    request: Request,
+    settings: Settings,
+    name: str,
+    value: str,
+    max_age: int | None = None,
+) -> None:
+    """Set a cookie of ours, which scripts cannot read. max_age: seconds; None: until the browser ends."""
+    is_secure = is_https(request, settings)
+    answer.set_cookie(
+        own_cookie(request, settings, name),
+        value,
+        max_age=max_age,
+        path="/" if is_secure else PREFIX,  # the prefix __Host- requires "/"
+        secure=is_secure,
+        httponly=True,
+        samesite="lax",
+    )
 
 
 def server_address(request: Request, settings: Settings) -> str:

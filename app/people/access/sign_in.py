@@ -10,7 +10,6 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
-from typing import Literal
 
 import sqlalchemy as sa
 from sqlalchemy.orm import Session
@@ -72,14 +71,15 @@ def check_password(database: Database, passwords: Passwords, name: str, password
         verdict = passwords.check(password, checked_hash)
     except InvalidInputError:
         raise _failure() from None
-    is_disabled = candidate is None or candidate.disabled_at is not None
-    if checked_hash is None or is_disabled or not verdict.is_right:
+    if candidate is None or checked_hash is None:
+        raise _failure()
+    if candidate.disabled_at is not None or not verdict.is_right:
         raise _failure()
     if verdict.fresh_hash is None:
         return checked_hash
     with database.write() as session:
-        staff = people.find_staff(session, normal_name(name), lock=True)
-        if staff is not None and staff.password_hash == checked_hash:
+        staff = session.get_one(Staff, candidate.id, with_for_update=True)
+        if staff.password_hash == checked_hash:
             staff.password_hash = verdict.fresh_hash
     return verdict.fresh_hash
 
@@ -118,7 +118,7 @@ def add_session(
     staff: Staff,
     now: datetime,
     *,
-    by: Literal["password", "oidc"] = "password",
+    by: str = "password",
 ) -> SessionIssued:
     """Open a session of a person who has proved who they are."""
     token = new_token()
@@ -187,7 +187,7 @@ def change_own_password(
         if staff is None or staff.password_hash != checked_hash:
             raise _failure()
         staff.password_hash = hashed
-        ended = end_access(session, staff.id, now)
+        ended = end_access(session, staff, now)
         note(
             session,
             caller,

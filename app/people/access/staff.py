@@ -138,9 +138,7 @@ def change_staff(
             staff.totp_secret = None
             fields.append("totp")
         ended = (
-            end_access(session, staff.id, now)
-            if change.is_disabled or is_replaced
-            else EndedAccess()
+            end_access(session, staff, now) if change.is_disabled or is_replaced else EndedAccess()
         )
         if fields:
             note(

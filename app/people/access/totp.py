@@ -15,7 +15,6 @@ from cryptography.hazmat.primitives.twofactor.totp import TOTP
 
 from app.core.errors import ConflictError, InvalidInputError
 from app.db.session import Database
-from app.people import queries as people
 from app.people.access.audit import note
 from app.people.access.caller import StaffCaller
 from app.people.access.secret_box import SecretBox
@@ -62,8 +61,8 @@ def turn_on(
     if matched is None:
         raise InvalidInputError(WRONG)
     with database.write() as session:
-        staff = people.find_staff(session, caller.name, lock=True)
-        if staff is None or staff.has_totp:
+        staff = session.get_one(Staff, caller.staff_id, with_for_update=True)
+        if staff.has_totp:
             raise ConflictError("Turn your present codes off first.")
         staff.totp_secret, staff.totp_step = box.seal(secret), matched
         note(session, caller, "staff.totp", subject=staff.name, is_on=True)
@@ -75,10 +74,8 @@ def turn_off(database: Database, box: SecretBox, caller: StaffCaller, code: str)
     Raises InvalidInputError.
     """
     with database.write() as session:
-        staff = people.find_staff(session, caller.name, lock=True)
-        if staff is None or not staff.has_totp:
-            return
-        is_right = use_code(box, staff, code, datetime.now(UTC))
+        staff = session.get_one(Staff, caller.staff_id, with_for_update=True)
+        is_right = not staff.has_totp or use_code(box, staff, code, datetime.now(UTC))
         if is_right:
             staff.totp_secret = None
             note(session, caller, "staff.totp", subject=staff.name, is_on=False)

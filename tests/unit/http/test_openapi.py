@@ -22,6 +22,7 @@ def test_only_what_the_rules_open_needs_no_token(app, operations):
     assert {path for (_, path), rule in app.state.rules.items() if rule.is_open} == {
         "/v1/enrolments", "/v1/sessions", "/v1/receipts/{receipt}", "/healthz", "/readyz", "/v1/server",
         "/fhir/metadata", "/fhir/StructureDefinition/{name}", "/", "/dashboard/sign-in",
+        "/dashboard/sign-in/institution", "/dashboard/sign-in/return",
     }  # fmt: skip
 
 
