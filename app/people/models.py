@@ -182,7 +182,8 @@ class Staff(Base):
     """A person who runs the server or works with the data.
 
     password_hash: Argon2; NULL: can use tokens only. totp_secret: sealed; NULL: signing in with the
-    password needs no code. totp_step: the last time step whose code was used. oidc_identity: SHA-256
+    password needs no code. totp_step: the last time step whose code was used; totp_wrong_step:
+    the last one in which a wrong code was entered. oidc_identity: SHA-256
     of the person's issuer and subject (people/access/oidc.py).
     """
 
@@ -194,6 +195,7 @@ class Staff(Base):
     password_hash: Mapped[str | None] = mapped_column(sa.String(200))
     totp_secret: Mapped[str | None] = mapped_column(sa.String(200))
     totp_step: Mapped[int | None] = mapped_column(sa.BigInteger)
+    totp_wrong_step: Mapped[int | None] = mapped_column(sa.BigInteger)
     oidc_identity: Mapped[str | None] = mapped_column(sa.String(64), unique=True, index=True)
     disabled_at: Mapped[datetime | None]
     created_at: Mapped[datetime]

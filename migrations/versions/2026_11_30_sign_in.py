@@ -17,6 +17,7 @@ depends_on = None
 def upgrade() -> None:
     op.add_column("staff", sa.Column("totp_secret", sa.String(200), nullable=True))
     op.add_column("staff", sa.Column("totp_step", sa.BigInteger(), nullable=True))
+    op.add_column("staff", sa.Column("totp_wrong_step", sa.BigInteger(), nullable=True))
     op.add_column("staff", sa.Column("oidc_identity", sa.String(64), nullable=True))
     op.create_index("ix_staff_oidc_identity", "staff", ["oidc_identity"], unique=True)
 
@@ -24,5 +25,6 @@ def upgrade() -> None:
 def downgrade() -> None:
     op.drop_index("ix_staff_oidc_identity", table_name="staff")
     op.drop_column("staff", "oidc_identity")
+    op.drop_column("staff", "totp_wrong_step")
     op.drop_column("staff", "totp_step")
     op.drop_column("staff", "totp_secret")

@@ -97,8 +97,8 @@ def post_totp(page: CurrentPage, fields: Fields) -> Response:
     if not re.fullmatch(totp.BASE32, secret):
         return page.redirect(f"{PATH}/totp")
     try:
-        box, code = page.state.part(SecretBox), values.get("code", "")
-        totp.turn_on(page.database, box, page.caller, secret, code)
+        code = values.get("code", "")
+        totp.turn_on(page.database, page.state.part(SecretBox), page.caller, secret, code)
     except InvalidInputError as error:
         return _totp(page, secret, refused(error, name="code"))
     return page.redirect(PATH, "From now on signing in with your password needs a code.")
@@ -124,8 +124,7 @@ def post_totp_removal(page: CurrentPage, request: Request, fields: Fields) -> Re
 
 
 def _totp(page: Page, secret: str, form: FormState = EMPTY_FORM) -> Response:
-    host = page.request.url.hostname or "tada"
-    uri = totp.setup_uri(secret, name=page.caller.name, server=host)
+    uri = totp.setup_uri(secret, name=page.caller.name, server=page.request.url.hostname or "tada")
     return page.render("totp.html", form=form, secret=secret, qr=drawn_qr(uri))
 
 

@@ -55,20 +55,21 @@ def get_return(request: Request, api: State, code: str = "", state: str = "") ->
     """Come back from the provider: sign in, or link the account."""
     provider = oidc.provider_of(request, api.settings)
     box = api.part(SecretBox)
-    kept = request.cookies.get(own_cookie(request, api.settings, COOKIE), "")
-    flow = oidc.open_flow(box, kept, state)
+    cookie = own_cookie(request, api.settings, COOKIE)
+    flow = oidc.open_flow(box, request.cookies.get(cookie, ""), state)
     if flow.links is None:
         with api.part(SignInLimits).trying(flow.state, caller_address(request)):
             identity = oidc.identify(provider, flow, code)
             issued = oidc.open_session(api.database, identity)
         return signed_in(request, api, issued, flow.next)
-    token = request.cookies.get(own_cookie(request, api.settings, SESSION_COOKIE), "")
-    caller = require_staff(authenticate(api.database, box, token))
+    cookie = own_cookie(request, api.settings, SESSION_COOKIE)
+    caller = require_staff(authenticate(api.database, box, request.cookies.get(cookie, "")))
     if caller.token_id != flow.links:
         raise oidc.expired()
     oidc.link(api.database, caller, oidc.identify(provider, flow, code))
-    notice = "You can now sign in with your institution's account."
-    return current_page(request, api, caller).redirect(PATH, notice)
+    return current_page(request, api, caller).redirect(
+        PATH, "Your institution's account is linked."
+    )
 
 
 def _to_provider(

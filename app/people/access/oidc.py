@@ -182,8 +182,7 @@ def link(database: Database, caller: StaffCaller, identity: str | None) -> None:
     with unless_taken(taken), database.write() as session:
         staff = session.get_one(Staff, caller.staff_id)
         staff.oidc_identity = identity
-        is_linked = identity is not None
-        note(session, caller, "staff.oidc", subject=staff.name, is_linked=is_linked)
+        note(session, caller, "staff.oidc", subject=staff.name, is_linked=identity is not None)
 
 
 def _description(provider: Provider) -> dict[str, Any]:

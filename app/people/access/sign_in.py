@@ -71,9 +71,12 @@ def check_password(database: Database, passwords: Passwords, name: str, password
         verdict = passwords.check(password, checked_hash)
     except InvalidInputError:
         raise _failure() from None
-    if candidate is None or checked_hash is None:
-        raise _failure()
-    if candidate.disabled_at is not None or not verdict.is_right:
+    if (
+        candidate is None
+        or checked_hash is None
+        or candidate.disabled_at is not None
+        or not verdict.is_right
+    ):
         raise _failure()
     if verdict.fresh_hash is None:
         return checked_hash
@@ -97,7 +100,7 @@ def open_session(
             raise UnauthenticatedError("Enter the code that your app shows.", code="code_needed")
         if not staff.has_totp or use_code(box, staff, code, now):
             return add_session(session, staff, now)
-    raise UnauthenticatedError(WRONG, code="code_needed")  # after the commit: the code is used up
+    raise UnauthenticatedError(WRONG, code="code_needed")  # after the commit
 
 
 def open_proof(box: SecretBox, proof: str) -> str:
@@ -114,11 +117,7 @@ def open_proof(box: SecretBox, proof: str) -> str:
 
 
 def add_session(
-    session: Session,
-    staff: Staff,
-    now: datetime,
-    *,
-    by: str = "password",
+    session: Session, staff: Staff, now: datetime, by: str = "password"
 ) -> SessionIssued:
     """Open a session of a person who has proved who they are."""
     token = new_token()

@@ -1,7 +1,7 @@
 """Codes of an app as the second factor of signing in with a password (TOTP, RFC 6238).
 
-A code is accepted once. A wrong one uses up its time step as well, so a person's codes can be
-guessed at twice a minute, from however many addresses.
+A code is accepted once. After a wrong one none is accepted for the rest of its time step, so that a
+person's codes can be guessed at twice a minute, from however many addresses.
 """
 
 import base64
@@ -23,7 +23,7 @@ from app.people.models import Staff
 # what apps assume when they are told nothing else (RFC 6238; RFC 4226, section 4)
 SECRET_BYTES, DIGITS, STEP_SECONDS = 20, 6, 30
 BASE32 = r"[A-Z2-7]{32}"  # a secret
-WRONG = "This code is wrong, or was used before: enter the next one that the app shows."
+WRONG = "This code is wrong, or was used before: wait for the next one that the app shows."
 
 
 def new_secret() -> str:
@@ -37,16 +37,20 @@ def setup_uri(secret: str, *, name: str, server: str) -> str:
 
 
 def use_code(box: SecretBox, staff: Staff, code: str, now: datetime) -> bool:
-    """Return whether the code is right and was not used; right or wrong, it is used up.
+    """Return whether the code is right and may be used; it is used up then.
 
-    staff: locked by the caller, with codes turned on.
+    staff: locked by the caller, with codes turned on; to be committed in either case.
     """
     step = _step(now)
-    used = staff.totp_step or 0
-    steps = range(max(step - 1, used + 1), step + 2)
+    if staff.totp_wrong_step == step:
+        return False
+    steps = range(max(step - 1, (staff.totp_step or 0) + 1), step + 2)
     matched = _matching_step(box.open(staff.totp_secret or ""), code, steps)
-    staff.totp_step = max(used, step if matched is None else matched)
-    return matched is not None
+    if matched is None:
+        staff.totp_wrong_step = step
+        return False
+    staff.totp_step = matched
+    return True
 
 
 def turn_on(
