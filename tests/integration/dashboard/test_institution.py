@@ -126,6 +126,14 @@ def test_page_asks_the_provider_for_a_code_with_pkce_and_keeps_the_flow_where_sc
     assert parse_qs(urlsplit(stranger.post(BEGIN).headers["refresh"]).query)["state"] != query["state"]
 
 
+def test_under_https_the_flow_is_bound_to_host_and_transport(client, stranger):
+    client.base_url = "https://testserver"
+    page = stranger.post(BEGIN)
+    assert page.headers["set-cookie"].startswith("__Host-tada_flow=")
+    assert "Secure" in page.headers["set-cookie"]
+    assert "redirect_uri=https%3A%2F%2Ftestserver%2Fdashboard%2Fsign-in%2Freturn" in page.headers["refresh"]
+
+
 def test_account_that_nobody_linked_is_told_how_and_creates_nobody(stranger, state, admin):
     answer = sign_in(stranger, "stranger")
     assert refusal(answer) == (401, "oidc_unlinked")

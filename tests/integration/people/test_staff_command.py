@@ -12,6 +12,7 @@ from app.db.session import Database
 from app.people.access.passwords import Passwords
 from app.people.access.secret_box import SecretBox
 from app.people.access.sign_in import sign_in
+from app.people.models import Staff
 
 PASSWORD = "correct horse battery"
 BOX = SecretBox("s" * 32)
@@ -48,7 +49,7 @@ def test_staff_is_created_with_a_password_from_a_file_or_standard_input(tada, da
     assert sign_in(database, BOX, Passwords(), "root", PASSWORD).is_admin
 
 
-def test_new_password_disabling_and_enabling(tada, database):
+def test_new_password_disabling_and_enabling_and_turning_codes_off(tada, database):
     tada("admin", "create", "admin")
     tada("staff", "create", "olga", "--password-file", "-", stdin=PASSWORD)
     tada("staff", "password", "olga", "--password-file", "-", stdin="another " + PASSWORD)
@@ -60,6 +61,13 @@ def test_new_password_disabling_and_enabling(tada, database):
     tada("staff", "enable", "olga")
     sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
     assert "admin: admin, token only" in tada("staff", "list")
+    with database.write() as session:
+        session.query(Staff).filter_by(name="olga").one().totp_secret = BOX.seal("of a lost phone")
+    assert "olga: staff, password and code" in tada("staff", "list")
+    with pytest.raises(UnauthenticatedError):
+        sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
+    assert "olga can sign in without a code." in tada("staff", "totp-off", "olga")
+    sign_in(database, BOX, Passwords(), "olga", "another " + PASSWORD)
     with pytest.raises(ConflictError):  # the last admin
         tada("staff", "disable", "admin")
 
