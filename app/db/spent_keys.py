@@ -14,6 +14,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, Session, mapped_column
 
 from app.db.base import Base
+from app.db.columns import Str64
 
 
 class SpentKey(Base):
@@ -25,7 +26,7 @@ class SpentKey(Base):
 
     __tablename__ = "spent_key"
 
-    digest: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    digest: Mapped[Str64] = mapped_column(primary_key=True)
     spent_at: Mapped[datetime]
 
 

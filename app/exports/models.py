@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, one_of
+from app.db.columns import BigInt, StaffRef, Str16, Str64, Str300, StudyRef, UuidKey
 
 ExportState = Literal["queued", "running", "done", "failed", "cancelled", "expired"]
 EXPORT_STATES: tuple[ExportState, ...] = get_args(ExportState)
@@ -23,8 +24,8 @@ class FileWork:
     begin_after: after a fault, not before then. rows_written, bytes: so far, in the end the total.
     """
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    state: Mapped[str] = mapped_column(sa.String(16))
+    id: Mapped[UuidKey]
+    state: Mapped[Str16]
     claim: Mapped[uuid.UUID | None]
     heartbeat_at: Mapped[datetime | None]
     attempts: Mapped[int] = mapped_column(default=0)
@@ -32,11 +33,11 @@ class FileWork:
     requested_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
-    rows_written: Mapped[int] = mapped_column(sa.BigInteger, default=0)
-    rows_estimated: Mapped[int | None] = mapped_column(sa.BigInteger)
-    bytes: Mapped[int] = mapped_column(sa.BigInteger, default=0)
-    at_change_seq: Mapped[int | None] = mapped_column(sa.BigInteger)
-    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
+    rows_written: Mapped[BigInt] = mapped_column(default=0)
+    rows_estimated: Mapped[BigInt | None]
+    bytes: Mapped[BigInt] = mapped_column(default=0)
+    at_change_seq: Mapped[BigInt | None]
+    failure_code: Mapped[Str64 | None]
 
 
 class Export(FileWork, Base):
@@ -50,12 +51,12 @@ class Export(FileWork, Base):
     __tablename__ = "export"
     blob = BlobColumns()
 
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), index=True)
+    study_id: Mapped[StudyRef]
+    staff_id: Mapped[StaffRef] = mapped_column(index=True)
     spec: Mapped[dict[str, Any]]
-    spec_sha256: Mapped[str] = mapped_column(sa.String(64))
-    sha256: Mapped[str | None] = mapped_column(sa.String(64))
-    blob_key: Mapped[str | None] = mapped_column(sa.String(300), unique=True)
+    spec_sha256: Mapped[Str64]
+    sha256: Mapped[Str64 | None]
+    blob_key: Mapped[Str300 | None] = mapped_column(unique=True)
     expires_at: Mapped[datetime | None]
 
     __table_args__ = (

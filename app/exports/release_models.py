@@ -8,6 +8,17 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, one_of
+from app.db.columns import (
+    BigInt,
+    LongStr,
+    ReleaseRef,
+    StaffRef,
+    Str16,
+    Str64,
+    Str300,
+    StudyRef,
+    UuidKey,
+)
 from app.exports.models import FileWork
 
 ReleaseState = Literal["queued", "running", "ready", "changing", "failed"]
@@ -27,12 +38,12 @@ class Release(FileWork, Base):
 
     __tablename__ = "release"
 
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"), index=True)
-    name: Mapped[str] = mapped_column(sa.String(64))
-    note: Mapped[str] = mapped_column(sa.Text)
+    study_id: Mapped[StudyRef]
+    staff_id: Mapped[StaffRef] = mapped_column(index=True)
+    name: Mapped[Str64]
+    note: Mapped[LongStr]
     filters: Mapped[dict[str, Any]]
-    checksum: Mapped[str | None] = mapped_column(sa.String(64))
+    checksum: Mapped[Str64 | None]
     frozen_at: Mapped[datetime | None]
     altered_at: Mapped[datetime | None]
     former_checksums: Mapped[list[Any]]
@@ -51,12 +62,12 @@ class ReleaseFile(Base):
     __tablename__ = "release_file"
     blob = BlobColumns()
 
-    release_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("release.id"), primary_key=True)
-    name: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
-    rows: Mapped[int | None] = mapped_column(sa.BigInteger)
-    bytes: Mapped[int] = mapped_column(sa.BigInteger)
-    sha256: Mapped[str] = mapped_column(sa.String(64))
-    blob_key: Mapped[str] = mapped_column(sa.String(300), unique=True)
+    release_id: Mapped[ReleaseRef] = mapped_column(primary_key=True)
+    name: Mapped[Str64] = mapped_column(primary_key=True)
+    rows: Mapped[BigInt | None]
+    bytes: Mapped[BigInt]
+    sha256: Mapped[Str64]
+    blob_key: Mapped[Str300] = mapped_column(unique=True)
 
 
 class ReleaseChange(Base):
@@ -68,11 +79,11 @@ class ReleaseChange(Base):
 
     __tablename__ = "release_change"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    release_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("release.id"), index=True)
-    deed: Mapped[str] = mapped_column(sa.String(16))
-    digest: Mapped[str] = mapped_column(sa.String(64))
-    new_code: Mapped[str | None] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    release_id: Mapped[ReleaseRef] = mapped_column(index=True)
+    deed: Mapped[Str16]
+    digest: Mapped[Str64]
+    new_code: Mapped[Str64 | None]
     new_ids: Mapped[uuid.UUID | None]
     requested_at: Mapped[datetime]
 

@@ -13,6 +13,20 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, one_of
+from app.db.columns import (
+    FoodRef,
+    IntKey,
+    LongStr,
+    Str8,
+    Str16,
+    Str32,
+    Str64,
+    Str100,
+    Str200,
+    Str300,
+    StudyRef,
+    UuidKey,
+)
 from app.nutrition.foods import (
     DENSITY_KINDS,
     WEIGHED_PARTS,
@@ -35,12 +49,12 @@ class FoodRelease(Base):
 
     __tablename__ = "food_release"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
-    source: Mapped[str] = mapped_column(sa.String(32))
-    name: Mapped[str] = mapped_column(sa.String(100))
-    version: Mapped[str] = mapped_column(sa.String(32))
+    id: Mapped[IntKey]
+    source: Mapped[Str32]
+    name: Mapped[Str100]
+    version: Mapped[Str32]
     released_on: Mapped[date]
-    checksum: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    checksum: Mapped[Str64] = mapped_column(unique=True)
     imported_at: Mapped[datetime]
     importer_id: Mapped[uuid.UUID | None]
     written_at: Mapped[datetime | None]
@@ -57,11 +71,11 @@ class FoodActivation(Base):
 
     __tablename__ = "food_activation"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(sa.String(100))
+    id: Mapped[IntKey]
+    name: Mapped[Str100]
     # NULL: none of this name
     release_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food_release.id"))
-    author: Mapped[str] = mapped_column(sa.String(200))
+    author: Mapped[Str200]
     activated_at: Mapped[datetime]
 
     __table_args__ = (sa.Index(None, "name", "id"),)
@@ -75,13 +89,13 @@ class Food(Base):
 
     __tablename__ = "food"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
+    id: Mapped[IntKey]
     release_id: Mapped[int] = mapped_column(sa.ForeignKey("food_release.id"))
-    key: Mapped[str] = mapped_column(sa.String(100))
+    key: Mapped[Str100]
     version: Mapped[int] = mapped_column(default=1)
-    name: Mapped[str] = mapped_column(sa.String(300))
+    name: Mapped[Str300]
     aliases: Mapped[list[str]]
-    food_group: Mapped[str] = mapped_column(sa.String(100))
+    food_group: Mapped[Str100]
     form: Mapped[FoodForm] = mapped_column(sa.String(16))
     slice_form: Mapped[SliceForm | None] = mapped_column(sa.String(16))
     state: Mapped[FoodState | None] = mapped_column(sa.String(16))
@@ -90,7 +104,7 @@ class Food(Base):
     probes: Mapped[list[str]]
     recipe_yield: Mapped[float | None]  # prepared mass / mass of the ingredients; NULL: no recipe
     source_ids: Mapped[dict[str, str]]
-    superseded_by_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
+    superseded_by_id: Mapped[FoodRef | None] = mapped_column(index=True)
 
     @property
     def is_group(self) -> bool:
@@ -112,12 +126,12 @@ class Component(Base):
 
     __tablename__ = "component"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
-    number: Mapped[str] = mapped_column(sa.String(16), unique=True)
-    name: Mapped[str] = mapped_column(sa.String(200))
-    unit: Mapped[str] = mapped_column(sa.String(8))
-    tagname: Mapped[str | None] = mapped_column(sa.String(16))
-    expression: Mapped[str | None] = mapped_column(sa.String(100))
+    id: Mapped[IntKey]
+    number: Mapped[Str16] = mapped_column(unique=True)
+    name: Mapped[Str200]
+    unit: Mapped[Str8]
+    tagname: Mapped[Str16 | None]
+    expression: Mapped[Str100 | None]
 
 
 class FoodNutrient(Base):
@@ -128,7 +142,7 @@ class FoodNutrient(Base):
 
     __tablename__ = "food_nutrient"
 
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
     component_id: Mapped[int] = mapped_column(sa.ForeignKey("component.id"), primary_key=True)
     per_100_g: Mapped[float]
 
@@ -138,14 +152,14 @@ class FoodDensity(Base):
 
     __tablename__ = "food_density"
 
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
-    position: Mapped[int] = mapped_column(primary_key=True)
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
+    position: Mapped[IntKey]
     g_per_ml: Mapped[float]
     sd_g_per_ml: Mapped[float]
-    state: Mapped[str] = mapped_column(sa.String(32))
+    state: Mapped[Str32]
     kind: Mapped[DensityKind] = mapped_column(sa.String(8))
     basis: Mapped[DensityBasis] = mapped_column(sa.String(32))
-    source: Mapped[str] = mapped_column(sa.String(300))
+    source: Mapped[Str300]
     weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
 
     __table_args__ = (
@@ -160,11 +174,11 @@ class FoodPortion(Base):
 
     __tablename__ = "food_portion"
 
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
-    position: Mapped[int] = mapped_column(primary_key=True)
-    sequence: Mapped[str] = mapped_column(sa.String(32))
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
+    position: Mapped[IntKey]
+    sequence: Mapped[Str32]
     amount: Mapped[float]
-    measure: Mapped[str] = mapped_column(sa.String(200))
+    measure: Mapped[Str200]
     mass_g: Mapped[float]
 
 
@@ -173,12 +187,12 @@ class FoodIngredient(Base):
 
     __tablename__ = "food_ingredient"
 
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
-    position: Mapped[int] = mapped_column(primary_key=True)
-    ingredient_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), index=True)
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
+    position: Mapped[IntKey]
+    ingredient_id: Mapped[FoodRef] = mapped_column(index=True)
     mass_g: Mapped[float]
     retention: Mapped[dict[str, float]]  # component number -> share; 1 where not named
-    retention_source: Mapped[str | None] = mapped_column(sa.String(300))
+    retention_source: Mapped[Str300 | None]
 
 
 class FoodChange(Base):
@@ -186,10 +200,10 @@ class FoodChange(Base):
 
     __tablename__ = "food_change"
 
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
-    previous_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"), index=True)
-    author: Mapped[str] = mapped_column(sa.String(200))
-    reason: Mapped[str] = mapped_column(sa.Text)
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
+    previous_id: Mapped[FoodRef | None] = mapped_column(index=True)
+    author: Mapped[Str200]
+    reason: Mapped[LongStr]
     differences: Mapped[dict[str, list[object]]]
     changed_at: Mapped[datetime]
 
@@ -204,23 +218,23 @@ class StudyDensity(Base):
 
     __tablename__ = "study_density"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    food_key: Mapped[str] = mapped_column(sa.String(100))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    food_key: Mapped[Str100]
     g_per_ml: Mapped[float]
     sd_g_per_ml: Mapped[float]
-    state: Mapped[str] = mapped_column(sa.String(32))
+    state: Mapped[Str32]
     kind: Mapped[DensityKind] = mapped_column(sa.String(8))
     weighs: Mapped[WeighedPart] = mapped_column(sa.String(8))
-    source: Mapped[str] = mapped_column(sa.String(300))
+    source: Mapped[Str300]
     specimens: Mapped[list[list[float]] | None]
-    author: Mapped[str] = mapped_column(sa.String(200))
-    reason: Mapped[str] = mapped_column(sa.Text)
+    author: Mapped[Str200]
+    reason: Mapped[LongStr]
     measured_at: Mapped[datetime]
     created_at: Mapped[datetime]
-    withdrawn_by: Mapped[str | None] = mapped_column(sa.String(200))
+    withdrawn_by: Mapped[Str200 | None]
     withdrawn_at: Mapped[datetime | None]
-    withdrawal_reason: Mapped[str | None] = mapped_column(sa.Text)
+    withdrawal_reason: Mapped[LongStr | None]
 
     __table_args__ = (
         one_of("kind", DENSITY_KINDS),

@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonValue, Personal, one_of
+from app.db.columns import MealRef, ParticipantRef, Str200, Str300, Str500, StudyRef, UuidKey
 
 DeliveryState = Literal["waiting", "delivered", "given_up"]
 DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
@@ -36,12 +37,12 @@ class Webhook(Base):
 
     __tablename__ = "webhook"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
-    url: Mapped[str] = mapped_column(sa.String(500))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef] = mapped_column(index=True)
+    url: Mapped[Str500]
     events: Mapped[list[str]]
-    secret_sealed: Mapped[str] = mapped_column(sa.String(300))
-    author: Mapped[str] = mapped_column(sa.String(200))
+    secret_sealed: Mapped[Str300]
+    author: Mapped[Str200]
     version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime]
     disabled_at: Mapped[datetime | None]
@@ -56,19 +57,17 @@ class WebhookDelivery(Base):
     __tablename__ = "webhook_delivery"
     personal = Personal(("meal_id", "participant_id"), "told_to_others")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    id: Mapped[UuidKey]
     webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))
     event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
     payload: Mapped[dict[str, object]] = mapped_column(JsonValue)
-    meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    participant_id: Mapped[uuid.UUID | None] = mapped_column(
-        sa.ForeignKey("participant.id"), index=True
-    )
+    meal_id: Mapped[MealRef | None] = mapped_column(index=True)
+    participant_id: Mapped[ParticipantRef | None] = mapped_column(index=True)
     state: Mapped[DeliveryState] = mapped_column(sa.String(16))
     attempts: Mapped[int] = mapped_column(default=0)
     next_try_at: Mapped[datetime | None]
     last_status: Mapped[int | None]
-    last_error: Mapped[str | None] = mapped_column(sa.String(200))
+    last_error: Mapped[Str200 | None]
     created_at: Mapped[datetime]
     delivered_at: Mapped[datetime | None]
 

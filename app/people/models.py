@@ -8,6 +8,19 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonValue, Personal, one_of
+from app.db.columns import (
+    BigInt,
+    DeviceRef,
+    ParticipantRef,
+    StaffRef,
+    Str16,
+    Str64,
+    Str100,
+    Str200,
+    Str500,
+    StudyRef,
+    UuidKey,
+)
 from app.people.profiles import Profile
 
 LocationPolicy = Literal["drop", "round", "keep"]
@@ -61,16 +74,16 @@ class CameraCalibration(Base):
     __tablename__ = "camera_calibration"
     personal = Personal(("device_id",), "camera_calibrations")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
-    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"), index=True)
-    model: Mapped[str | None] = mapped_column(sa.String(200), index=True)
-    marker: Mapped[str | None] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    device_id: Mapped[DeviceRef | None] = mapped_column(index=True)
+    study_id: Mapped[StudyRef | None] = mapped_column(index=True)
+    model: Mapped[Str200 | None] = mapped_column(index=True)
+    marker: Mapped[Str64 | None]
     camera: Mapped[CameraDetails] = mapped_column(JsonValue)
     rig: Mapped[RigDetails | None] = mapped_column(JsonValue)
     rms_px: Mapped[float | None]
     photographs: Mapped[int | None]
-    author: Mapped[str] = mapped_column(sa.String(200))
+    author: Mapped[Str200]
     created_at: Mapped[datetime]
     withdrawn_at: Mapped[datetime | None]
 
@@ -94,11 +107,11 @@ class Study(Base):
 
     __tablename__ = "study"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    code: Mapped[str] = mapped_column(sa.String(64), unique=True)
-    name: Mapped[str] = mapped_column(sa.String(200))
+    id: Mapped[UuidKey]
+    code: Mapped[Str64] = mapped_column(unique=True)
+    name: Mapped[Str200]
     # the board that its participants were given
-    marker: Mapped[str | None] = mapped_column(sa.String(64))
+    marker: Mapped[Str64 | None]
     camera: Mapped[CameraDetails | None] = mapped_column(JsonValue)
     expects_after_pair: Mapped[bool] = mapped_column(default=False)
     after_window_minutes: Mapped[int] = mapped_column(default=240)
@@ -116,7 +129,7 @@ class Study(Base):
     is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     double_review: Mapped[dict[str, Any] | None]
     version: Mapped[int] = mapped_column(default=1)
-    change_seq: Mapped[int] = mapped_column(sa.BigInteger, default=0)
+    change_seq: Mapped[BigInt] = mapped_column(default=0)
     created_at: Mapped[datetime]
 
     __table_args__ = (
@@ -142,14 +155,14 @@ class Participant(Base):
 
     __tablename__ = "participant"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    code: Mapped[str] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    code: Mapped[Str64]
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     starts_on: Mapped[date | None]
-    arm: Mapped[str | None] = mapped_column(sa.String(64))
-    visit: Mapped[str | None] = mapped_column(sa.String(64))
-    excluded: Mapped[str | None] = mapped_column(sa.String(200))
+    arm: Mapped[Str64 | None]
+    visit: Mapped[Str64 | None]
+    excluded: Mapped[Str200 | None]
     profile: Mapped[Profile | None] = mapped_column(JsonValue)
     favourites: Mapped[list[dict[str, object]] | None] = mapped_column(JsonValue)
     withdrawn_at: Mapped[datetime | None]
@@ -167,11 +180,11 @@ class Device(Base):
     __tablename__ = "device"
     personal = Personal(("participant_id",), "devices")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
-    name: Mapped[str] = mapped_column(sa.String(200))
-    model: Mapped[str | None] = mapped_column(sa.String(200))
-    app_version: Mapped[str | None] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    participant_id: Mapped[ParticipantRef] = mapped_column(index=True)
+    name: Mapped[Str200]
+    model: Mapped[Str200 | None]
+    app_version: Mapped[Str64 | None]
     clock_skew_seconds: Mapped[float | None]
     last_used_at: Mapped[datetime | None]
     enrolled_at: Mapped[datetime]
@@ -189,14 +202,14 @@ class Staff(Base):
 
     __tablename__ = "staff"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(sa.String(200), unique=True)
+    id: Mapped[UuidKey]
+    name: Mapped[Str200] = mapped_column(unique=True)
     is_admin: Mapped[bool]
-    password_hash: Mapped[str | None] = mapped_column(sa.String(200))
-    totp_secret: Mapped[str | None] = mapped_column(sa.String(200))
-    totp_step: Mapped[int | None] = mapped_column(sa.BigInteger)
-    totp_wrong_step: Mapped[int | None] = mapped_column(sa.BigInteger)
-    oidc_identity: Mapped[str | None] = mapped_column(sa.String(64), unique=True, index=True)
+    password_hash: Mapped[Str200 | None]
+    totp_secret: Mapped[Str200 | None]
+    totp_step: Mapped[BigInt | None]
+    totp_wrong_step: Mapped[BigInt | None]
+    oidc_identity: Mapped[Str64 | None] = mapped_column(unique=True, index=True)
     disabled_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
 
@@ -216,10 +229,8 @@ class StudyMember(Base):
 
     __tablename__ = "study_member"
 
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
-    staff_id: Mapped[uuid.UUID] = mapped_column(
-        sa.ForeignKey("staff.id"), primary_key=True, index=True
-    )
+    study_id: Mapped[StudyRef] = mapped_column(primary_key=True)
+    staff_id: Mapped[StaffRef] = mapped_column(primary_key=True, index=True)
     role: Mapped[Role] = mapped_column(sa.String(16))
     created_at: Mapped[datetime]
 
@@ -232,9 +243,9 @@ class Enrolment(Base):
     __tablename__ = "enrolment"
     personal = Personal(("participant_id",), "enrolments")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
-    code_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
+    id: Mapped[UuidKey]
+    participant_id: Mapped[ParticipantRef] = mapped_column(index=True)
+    code_sha256: Mapped[Str64] = mapped_column(unique=True)
     expires_at: Mapped[datetime]
     used_at: Mapped[datetime | None]
     created_at: Mapped[datetime]
@@ -250,14 +261,14 @@ class AccessToken(Base):
     __tablename__ = "access_token"
     personal = Personal(("device_id",))
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    token_sha256: Mapped[str] = mapped_column(sa.String(64), unique=True)
-    kind: Mapped[str] = mapped_column(sa.String(16))
-    name: Mapped[str | None] = mapped_column(sa.String(200))
+    id: Mapped[UuidKey]
+    token_sha256: Mapped[Str64] = mapped_column(unique=True)
+    kind: Mapped[Str16]
+    name: Mapped[Str200 | None]
     scope: Mapped[Scope] = mapped_column(sa.String(16), default="write")
-    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
-    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
-    staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"), index=True)
+    study_id: Mapped[StudyRef | None]
+    device_id: Mapped[DeviceRef | None] = mapped_column(index=True)
+    staff_id: Mapped[StaffRef | None] = mapped_column(index=True)
     created_at: Mapped[datetime]
     expires_at: Mapped[datetime | None]
     last_used_at: Mapped[datetime | None]
@@ -278,9 +289,9 @@ class SignInAttempt(Base):
 
     __tablename__ = "sign_in_attempt"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    name_digest: Mapped[str] = mapped_column(sa.String(64))
-    address_digest: Mapped[str] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    name_digest: Mapped[Str64]
+    address_digest: Mapped[Str64]
     attempted_at: Mapped[datetime]
     is_success: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
 
@@ -308,12 +319,12 @@ class PushSubscription(Base):
     device_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("device.id", ondelete="CASCADE"), primary_key=True
     )
-    endpoint: Mapped[str] = mapped_column(sa.String(500))
-    public_key: Mapped[str] = mapped_column(sa.String(100))
+    endpoint: Mapped[Str500]
+    public_key: Mapped[Str100]
     auth: Mapped[str] = mapped_column(sa.String(40))
     times: Mapped[list[str] | None] = mapped_column(JsonValue)
     after_meal: Mapped[bool]
-    time_zone: Mapped[str] = mapped_column(sa.String(64))
+    time_zone: Mapped[Str64]
     quiet_from_minutes: Mapped[int]
     quiet_until_minutes: Mapped[int]
     next_at: Mapped[datetime | None] = mapped_column(index=True)

@@ -8,6 +8,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonValue, one_of
+from app.db.columns import BigInt, IntKey, Str16, Str32, Str64, Str200, Str300, StudyRef, UuidKey
 
 ActorKind = Literal["staff", "device", "system"]
 ACTOR_KINDS: tuple[ActorKind, ...] = get_args(ActorKind)
@@ -39,12 +40,12 @@ class AuditEvent(Base):
     study_id: Mapped[uuid.UUID | None]
     actor_kind: Mapped[ActorKind] = mapped_column(sa.String(16))
     # a staff member's name, a participant's alias, or "system"
-    actor: Mapped[str] = mapped_column(sa.String(200))
-    action: Mapped[str] = mapped_column(sa.String(64))  # such as "photograph.read", "study.change"
+    actor: Mapped[Str200]
+    action: Mapped[Str64]  # such as "photograph.read", "study.change"
     # alias or id of the person or object concerned
-    subject: Mapped[str | None] = mapped_column(sa.String(200))
+    subject: Mapped[Str200 | None]
     details: Mapped[dict[str, object]] = mapped_column(JsonValue)
-    request_id: Mapped[str | None] = mapped_column(sa.String(32))
+    request_id: Mapped[Str32 | None]
 
     __table_args__ = (
         one_of("actor_kind", ACTOR_KINDS),
@@ -65,10 +66,10 @@ class Tombstone(Base):
 
     __tablename__ = "tombstone"
 
-    kind: Mapped[str] = mapped_column(sa.String(16), primary_key=True)
-    digest: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
-    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
-    change_seq: Mapped[int | None] = mapped_column(sa.BigInteger)
+    kind: Mapped[Str16] = mapped_column(primary_key=True)
+    digest: Mapped[Str64] = mapped_column(primary_key=True)
+    study_id: Mapped[StudyRef | None]
+    change_seq: Mapped[BigInt | None]
     erased_at: Mapped[datetime]
 
     __table_args__ = (one_of("kind", TOMBSTONE_KINDS), sa.Index(None, "study_id", "change_seq"))
@@ -82,8 +83,8 @@ class SpentCode(Base):
 
     __tablename__ = "spent_code"
 
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), primary_key=True)
-    digest: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    study_id: Mapped[StudyRef] = mapped_column(primary_key=True)
+    digest: Mapped[Str64] = mapped_column(primary_key=True)
     spent_at: Mapped[datetime]
 
 
@@ -92,8 +93,8 @@ class ErasureReceipt(Base):
 
     __tablename__ = "erasure_receipt"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef] = mapped_column(index=True)
     what: Mapped[ErasedKind] = mapped_column(sa.String(16))
     policy: Mapped[ErasurePolicy] = mapped_column(sa.String(16))
     counts: Mapped[dict[str, int]] = mapped_column(JsonValue)
@@ -111,8 +112,8 @@ class Deployment(Base):
 
     __tablename__ = "deployment"
 
-    id: Mapped[int] = mapped_column(primary_key=True)  # DEPLOYMENT
-    key_check: Mapped[str | None] = mapped_column(sa.String(64))
+    id: Mapped[IntKey]  # DEPLOYMENT
+    key_check: Mapped[Str64 | None]
     clock_at: Mapped[datetime | None]
     clock_doubted_seconds: Mapped[float]
 
@@ -125,6 +126,6 @@ class BlobDeletion(Base):
 
     __tablename__ = "blob_deletion"
 
-    blob_key: Mapped[str] = mapped_column(sa.String(300), primary_key=True)
+    blob_key: Mapped[Str300] = mapped_column(primary_key=True)
     receipt_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("erasure_receipt.id"))
     requested_at: Mapped[datetime]

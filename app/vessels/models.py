@@ -7,6 +7,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, one_of
+from app.db.columns import Str100, Str200, Str300, StudyRef, UuidKey
 from app.vision.vessel_library import VESSEL_KINDS, VesselKind
 
 
@@ -20,11 +21,11 @@ class StudyVessel(Base):
 
     __tablename__ = "study_vessel"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    name: Mapped[str] = mapped_column(sa.String(100))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    name: Mapped[Str100]
     # folding case makes three characters of one at the most
-    name_key: Mapped[str] = mapped_column(sa.String(300))
+    name_key: Mapped[Str300]
     version: Mapped[int] = mapped_column(default=1)
     created_at: Mapped[datetime]
 
@@ -52,7 +53,7 @@ class StudyVesselVersion(Base):
     fill_line_ml: Mapped[float | None]
     inside_profile_mm: Mapped[list[list[float]]]
     is_retired: Mapped[bool]
-    author: Mapped[str] = mapped_column(sa.String(200))
+    author: Mapped[Str200]
     changed_at: Mapped[datetime]
 
     __table_args__ = (

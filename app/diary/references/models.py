@@ -1,12 +1,11 @@
 """Amounts of participants' days by another method, which an owner uploads."""
 
-import uuid
 from datetime import date
 
-import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal
+from app.db.columns import ParticipantRef
 
 
 class ReferenceDay(Base):
@@ -15,8 +14,6 @@ class ReferenceDay(Base):
     __tablename__ = "reference_day"
     personal = Personal(("participant_id",), "reference_days", order_by="local_date")
 
-    participant_id: Mapped[uuid.UUID] = mapped_column(
-        sa.ForeignKey("participant.id"), primary_key=True
-    )
+    participant_id: Mapped[ParticipantRef] = mapped_column(primary_key=True)
     local_date: Mapped[date] = mapped_column(primary_key=True)
     amounts: Mapped[dict[str, float]]

@@ -4,6 +4,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base
+from app.db.columns import BigInt, LongStr, Str300
 
 
 class PackagedFood(Base):
@@ -18,11 +19,11 @@ class PackagedFood(Base):
     __tablename__ = "packaged_food"
 
     release_id: Mapped[int] = mapped_column(sa.ForeignKey("food_release.id"), primary_key=True)
-    code: Mapped[int] = mapped_column(sa.BigInteger, primary_key=True, autoincrement=False)
-    name: Mapped[str] = mapped_column(sa.String(300))
+    code: Mapped[BigInt] = mapped_column(primary_key=True, autoincrement=False)
+    name: Mapped[Str300]
     is_liquid: Mapped[bool]
     pack_g: Mapped[float | None]
     serving_g: Mapped[float | None]
-    per_100_g: Mapped[str] = mapped_column(sa.Text)
+    per_100_g: Mapped[LongStr]
 
     __table_args__ = ({"sqlite_with_rowid": False},)

@@ -7,6 +7,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base
+from app.db.columns import FoodRef, IntKey, Str32, Str300
 
 # Words with the same beginning must be a contiguous range: compare by code point on both databases.
 Word = sa.String(64).with_variant(sa.String(64, collation="C"), "postgresql")
@@ -22,9 +23,9 @@ class FoodCode(Base):
 
     __tablename__ = "food_code"
 
-    system: Mapped[str] = mapped_column(sa.String(32), primary_key=True)
-    code: Mapped[str] = mapped_column(sa.String(300), primary_key=True, index=True)
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True, index=True)
+    system: Mapped[Str32] = mapped_column(primary_key=True)
+    code: Mapped[Str300] = mapped_column(primary_key=True, index=True)
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True, index=True)
 
 
 class FoodWord(Base):
@@ -58,8 +59,8 @@ class FoodPosting(Base):
     __tablename__ = "food_posting"
 
     word: Mapped[str] = mapped_column(Word, primary_key=True)
-    rank: Mapped[int] = mapped_column(primary_key=True)
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"), primary_key=True)
-    release_id: Mapped[int] = mapped_column(primary_key=True)
+    rank: Mapped[IntKey]
+    food_id: Mapped[FoodRef] = mapped_column(primary_key=True)
+    release_id: Mapped[IntKey]
 
     __table_args__ = (sa.Index(None, "food_id", "word"), {"sqlite_with_rowid": False})

@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, JsonValue, Personal
+from app.db.columns import MealRef, StaffRef, Str100, StudyRef, UuidKey
 
 
 class ReviewDecision(Base):
@@ -27,13 +28,13 @@ class ReviewDecision(Base):
     __tablename__ = "review_decision"
     personal = Personal(("meal_id",), "decisions", order_by="decided_at")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    meal_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    meal_id: Mapped[MealRef | None] = mapped_column(index=True)
     item_id: Mapped[uuid.UUID]
-    staff_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("staff.id"))
+    staff_id: Mapped[StaffRef]
     is_final: Mapped[bool]
-    food_key: Mapped[str | None] = mapped_column(sa.String(100))
+    food_key: Mapped[Str100 | None]
     mass_g: Mapped[float | None]
     energy_kcal: Mapped[float | None]
     decided_at: Mapped[datetime]
@@ -63,9 +64,9 @@ class KnownItem(Base):
     __tablename__ = "known_item"
     energy_kcal: ClassVar[float | None] = None  # as of a decision
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"), index=True)
-    food_key: Mapped[str] = mapped_column(sa.String(100))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef] = mapped_column(index=True)
+    food_key: Mapped[Str100]
     mass_g: Mapped[float]
     shown_g: Mapped[float]
     rings: Mapped[list[list[list[float]]]] = mapped_column(JsonValue)

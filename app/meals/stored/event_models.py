@@ -14,6 +14,18 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
+from app.db.columns import (
+    BigInt,
+    DeviceRef,
+    MealRef,
+    ParticipantRef,
+    StaffRef,
+    Str16,
+    Str64,
+    Str200,
+    StudyRef,
+    UuidKey,
+)
 
 Layer = Literal[
     "automatic", "participant", "reviewer"
@@ -38,17 +50,17 @@ class MealEvent(Base):
     __tablename__ = "meal_event"
     personal = Personal(("meal_id",), "events", order_by="sequence")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
+    id: Mapped[UuidKey]
+    meal_id: Mapped[MealRef]
     sequence: Mapped[int]
     item_id: Mapped[uuid.UUID | None] = mapped_column(index=True)
     kind: Mapped[EventKind] = mapped_column(sa.String(16))
     layer: Mapped[Layer] = mapped_column(sa.String(16))
-    device_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("device.id"), index=True)
-    staff_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("staff.id"))
+    device_id: Mapped[DeviceRef | None] = mapped_column(index=True)
+    staff_id: Mapped[StaffRef | None]
     old: Mapped[dict[str, Any]]
     new: Mapped[dict[str, Any]]
-    request_sha256: Mapped[str] = mapped_column(sa.String(64))
+    request_sha256: Mapped[Str64]
     created_at: Mapped[datetime]
 
     __table_args__ = (
@@ -80,12 +92,12 @@ class DayEvent(Base):
     __tablename__ = "day_event"
     personal = Personal(("participant_id",), "day_events")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    id: Mapped[UuidKey]
+    participant_id: Mapped[ParticipantRef]
     local_date: Mapped[date]
     kind: Mapped[DayEventKind] = mapped_column(sa.String(16))
-    layer: Mapped[str] = mapped_column(sa.String(16))
-    author: Mapped[str] = mapped_column(sa.String(200))
+    layer: Mapped[Str16]
+    author: Mapped[Str200]
     created_at: Mapped[datetime]
 
     __table_args__ = (
@@ -105,17 +117,15 @@ class DiaryDay(Base):
     __tablename__ = "diary_day"
     personal = Personal(("participant_id",), "days", order_by="local_date")
 
-    participant_id: Mapped[uuid.UUID] = mapped_column(
-        sa.ForeignKey("participant.id"), primary_key=True
-    )
+    participant_id: Mapped[ParticipantRef] = mapped_column(primary_key=True)
     local_date: Mapped[date] = mapped_column(primary_key=True)
     id: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
+    study_id: Mapped[StudyRef]
     status: Mapped[DayStatus] = mapped_column(sa.String(16))
     ate_nothing: Mapped[bool]
     version: Mapped[int] = mapped_column(default=1)
     changed_at: Mapped[datetime]
-    change_seq: Mapped[int] = mapped_column(sa.BigInteger)
+    change_seq: Mapped[BigInt]
 
     __table_args__ = (
         one_of("status", DAY_STATUSES),

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal
+from app.db.columns import ParticipantRef, RunRef, Str16, Str64, Str100, StudyRef, UuidKey
 
 # during a rolling upgrade, a process that does not know these tables may erase meals
 OF_ITS_ITEM = "CASCADE"
@@ -29,10 +30,10 @@ class ItemIdentification(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True
     )
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
-    vcm_version: Mapped[str] = mapped_column(sa.String(16), primary_key=True)
+    run_id: Mapped[RunRef] = mapped_column(primary_key=True, index=True)
+    vcm_version: Mapped[Str16] = mapped_column(primary_key=True)
     vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
-    index_version: Mapped[str | None] = mapped_column(sa.String(100))
+    index_version: Mapped[Str100 | None]
     none_probability: Mapped[float | None]
     created_at: Mapped[datetime]
 
@@ -57,11 +58,11 @@ class IndexEntry(Base):
     item_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("item.id", ondelete=OF_ITS_ITEM), primary_key=True
     )
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), index=True)
-    vcm_version: Mapped[str] = mapped_column(sa.String(16))
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"), index=True)
-    food_key: Mapped[str] = mapped_column(sa.String(100))
+    run_id: Mapped[RunRef] = mapped_column(index=True)
+    vcm_version: Mapped[Str16]
+    study_id: Mapped[StudyRef]
+    participant_id: Mapped[ParticipantRef] = mapped_column(index=True)
+    food_key: Mapped[Str100]
     volume_ml: Mapped[float | None]
     captured_at: Mapped[datetime]
     day_minute: Mapped[int]
@@ -82,11 +83,11 @@ class TaughtPhotograph(Base):
 
     __tablename__ = "taught_photograph"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    food_key: Mapped[str] = mapped_column(sa.String(100))
-    sha256: Mapped[str] = mapped_column(sa.String(64))
-    vcm_version: Mapped[str] = mapped_column(sa.String(16))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    food_key: Mapped[Str100]
+    sha256: Mapped[Str64]
+    vcm_version: Mapped[Str16]
     vector: Mapped[bytes] = mapped_column(sa.LargeBinary)
     created_at: Mapped[datetime]
     in_force_at: Mapped[datetime | None]

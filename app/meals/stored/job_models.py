@@ -13,6 +13,20 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
+from app.db.columns import (
+    BigInt,
+    ItemRef,
+    JobRef,
+    MealEventRef,
+    MealRef,
+    Str16,
+    Str32,
+    Str64,
+    Str200,
+    Str300,
+    StudyRef,
+    UuidKey,
+)
 
 JOB_STATES = ("queued", "processing", "done", "failed")
 LIVE_STATES = ("queued", "processing")
@@ -49,20 +63,20 @@ class Job(Base):
     __tablename__ = "job"
     personal = Personal(("meal_id",))
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    id: Mapped[UuidKey]
+    meal_id: Mapped[MealRef] = mapped_column(index=True)
     purpose: Mapped[JobPurpose] = mapped_column(sa.String(16), default="meal")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
-    state: Mapped[str] = mapped_column(sa.String(16))
+    event_id: Mapped[MealEventRef | None] = mapped_column(index=True)
+    state: Mapped[Str16]
     attempts: Mapped[int] = mapped_column(default=0)
-    turn: Mapped[int] = mapped_column(sa.BigInteger, default=0)
-    study_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("study.id"))
+    turn: Mapped[BigInt] = mapped_column(default=0)
+    study_id: Mapped[StudyRef | None]
     is_background: Mapped[bool] = mapped_column(default=False)
     protocol: Mapped[int] = mapped_column(default=1)
-    executor_id: Mapped[str | None] = mapped_column(sa.String(64))
+    executor_id: Mapped[Str64 | None]
     takeovers: Mapped[int] = mapped_column(default=0)
-    result_key: Mapped[str | None] = mapped_column(sa.String(300))
-    request_id: Mapped[str | None] = mapped_column(sa.String(32))
+    result_key: Mapped[Str300 | None]
+    request_id: Mapped[Str32 | None]
     enqueued_at: Mapped[datetime]
     started_at: Mapped[datetime | None]
     finished_at: Mapped[datetime | None]
@@ -97,10 +111,10 @@ class WorkerLease(Base):
 
     __tablename__ = "worker_lease"
 
-    executor_id: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
+    executor_id: Mapped[Str64] = mapped_column(primary_key=True)
     host: Mapped[str] = mapped_column(sa.String(255))
     pid: Mapped[int]
-    version: Mapped[str] = mapped_column(sa.String(32))
+    version: Mapped[Str32]
     started_at: Mapped[datetime]
     heartbeat_at: Mapped[datetime]
 
@@ -125,12 +139,12 @@ class Remeasurement(Base):
 
     __tablename__ = "remeasurement"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    author: Mapped[str] = mapped_column(sa.String(200))
-    selection: Mapped[str] = mapped_column(sa.String(64))
+    id: Mapped[UuidKey]
+    study_id: Mapped[StudyRef]
+    author: Mapped[Str200]
+    selection: Mapped[Str64]
     state: Mapped[RemeasurementState] = mapped_column(sa.String(16), default="running")
-    pipeline_version: Mapped[str] = mapped_column(sa.String(32))
+    pipeline_version: Mapped[Str32]
     created_at: Mapped[datetime]
     ended_at: Mapped[datetime | None]  # stopped or done; NULL while it is running
 
@@ -163,14 +177,12 @@ class RemeasuredPair(Base):
     remeasurement_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("remeasurement.id"), primary_key=True
     )
-    meal_id: Mapped[uuid.UUID] = mapped_column(
-        sa.ForeignKey("meal.id"), primary_key=True, index=True
-    )
+    meal_id: Mapped[MealRef] = mapped_column(primary_key=True, index=True)
     pair: Mapped[PairPurpose] = mapped_column(sa.String(16), primary_key=True)
     position: Mapped[int]  # in the order in which the meals were eaten, from 0
     state: Mapped[PairState] = mapped_column(sa.String(16), default="pending")
-    reason: Mapped[str | None] = mapped_column(sa.String(64))
-    job_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("job.id"), unique=True)
+    reason: Mapped[Str64 | None]
+    job_id: Mapped[JobRef | None] = mapped_column(unique=True)
     ended_at: Mapped[datetime | None]
 
     __table_args__ = (
@@ -201,9 +213,7 @@ class RemeasuredItem(Base):
     remeasurement_id: Mapped[uuid.UUID] = mapped_column(
         sa.ForeignKey("remeasurement.id"), primary_key=True
     )
-    item_id: Mapped[uuid.UUID] = mapped_column(
-        sa.ForeignKey("item.id"), primary_key=True, index=True
-    )
+    item_id: Mapped[ItemRef] = mapped_column(primary_key=True, index=True)
     old_volume_ml: Mapped[float | None]
     old_low_ml: Mapped[float | None]
     old_high_ml: Mapped[float | None]

@@ -10,6 +10,19 @@ from sqlalchemy.orm import Mapped, mapped_column
 
 from app.core.errors import Failure
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
+from app.db.columns import (
+    BigInt,
+    DeviceRef,
+    LongStr,
+    MealRef,
+    ParticipantRef,
+    Str16,
+    Str32,
+    Str64,
+    Str200,
+    StudyRef,
+    UuidKey,
+)
 from app.meals.stored.outline_json import Polygon
 from app.people.models import CameraDetails, PinholeDetails, RigDetails
 from app.photos.slots import AFTER_SLOTS, SLOTS, VIEW_SLOTS
@@ -143,28 +156,28 @@ class Meal(Base):
 
     __tablename__ = "meal"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
+    id: Mapped[UuidKey]
     client_id: Mapped[uuid.UUID]
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
-    device_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("device.id"), index=True)
+    study_id: Mapped[StudyRef]
+    participant_id: Mapped[ParticipantRef]
+    device_id: Mapped[DeviceRef] = mapped_column(index=True)
     alias: Mapped[uuid.UUID] = mapped_column(unique=True, default=uuid.uuid4)
     origin: Mapped[MealOrigin] = mapped_column(sa.String(16), default="photographed")
     captured_at: Mapped[datetime]
     utc_offset_minutes: Mapped[int]
-    time_zone: Mapped[str] = mapped_column(sa.String(64))
+    time_zone: Mapped[Str64]
     local_date: Mapped[date]
     details: Mapped[MealDetails] = mapped_column(JsonValue)
     status: Mapped[MealStatus] = mapped_column(sa.String(16))
-    stage: Mapped[str | None] = mapped_column(sa.String(32))
-    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
-    failure_message: Mapped[str | None] = mapped_column(sa.Text)
-    failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    stage: Mapped[Str32 | None]
+    failure_code: Mapped[Str64 | None]
+    failure_message: Mapped[LongStr | None]
+    failure_advice: Mapped[LongStr | None]
     after_status: Mapped[AfterStatus | None] = mapped_column(sa.String(16), index=True)
     after_details: Mapped[PairDetails | None] = mapped_column(JsonValue)
-    after_failure_code: Mapped[str | None] = mapped_column(sa.String(64))
-    after_failure_message: Mapped[str | None] = mapped_column(sa.Text)
-    after_failure_advice: Mapped[str | None] = mapped_column(sa.Text)
+    after_failure_code: Mapped[Str64 | None]
+    after_failure_message: Mapped[LongStr | None]
+    after_failure_advice: Mapped[LongStr | None]
     after_due_at: Mapped[datetime | None] = mapped_column(index=True)
     leftovers: Mapped[list[PieceDetails]] = mapped_column(JsonValue, default=list, deferred=True)
     version: Mapped[int] = mapped_column(default=1)
@@ -288,17 +301,17 @@ class MealImage(Base):
     personal = Personal(("meal_id",), "photographs")
     blob = BlobColumns(erased_at="erased_at")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"))
-    slot: Mapped[str] = mapped_column(sa.String(16))
-    media_type: Mapped[str] = mapped_column(sa.String(32))
+    id: Mapped[UuidKey]
+    meal_id: Mapped[MealRef]
+    slot: Mapped[Str16]
+    media_type: Mapped[Str32]
     width_px: Mapped[int]
     height_px: Mapped[int]
-    bytes: Mapped[int] = mapped_column(sa.BigInteger)
-    received_sha256: Mapped[str] = mapped_column(sa.String(64))
-    stored_sha256: Mapped[str] = mapped_column(sa.String(64))
-    blob_key: Mapped[str] = mapped_column(sa.String(200), unique=True)
-    decoding_pixels: Mapped[int | None] = mapped_column(sa.BigInteger)
+    bytes: Mapped[BigInt]
+    received_sha256: Mapped[Str64]
+    stored_sha256: Mapped[Str64]
+    blob_key: Mapped[Str200] = mapped_column(unique=True)
+    decoding_pixels: Mapped[BigInt | None]
     is_reencoded: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     received_at: Mapped[datetime]
     erased_at: Mapped[datetime | None]

@@ -8,6 +8,26 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
+from app.db.columns import (
+    BigInt,
+    FoodRef,
+    IntKey,
+    ItemRef,
+    JobRef,
+    LongStr,
+    MealEventRef,
+    MealRef,
+    ParticipantRef,
+    RunRef,
+    Str8,
+    Str16,
+    Str32,
+    Str64,
+    Str200,
+    Str300,
+    StudyRef,
+    UuidKey,
+)
 from app.meals.stored.event_models import LAYERS
 from app.meals.stored.job_models import JOB_PURPOSES, JobPurpose
 from app.meals.stored.outline_json import Ring
@@ -96,12 +116,12 @@ class Run(Base):
     personal = Personal(("meal_id",), "runs", order_by="created_at")
     blob = BlobColumns("result_key")
 
-    id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("job.id"), primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
+    id: Mapped[JobRef] = mapped_column(primary_key=True)
+    meal_id: Mapped[MealRef] = mapped_column(index=True)
     purpose: Mapped[JobPurpose] = mapped_column(sa.String(16), default="meal")
-    method: Mapped[str] = mapped_column(sa.String(32))
-    pipeline_version: Mapped[str] = mapped_column(sa.String(32))
-    marker: Mapped[str | None] = mapped_column(sa.String(64))  # NULL: a rig, poses or a depth map
+    method: Mapped[Str32]
+    pipeline_version: Mapped[Str32]
+    marker: Mapped[Str64 | None]  # NULL: a rig, poses or a depth map
     camera: Mapped[Json | None] = mapped_column(JsonValue)
     parameters: Mapped[Json] = mapped_column(JsonValue)
     colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(
@@ -112,11 +132,10 @@ class Run(Base):
     food_releases: Mapped[
         list[str]
     ]  # the tables in force, "name version", in the order of their precedence
-    failure_code: Mapped[str | None] = mapped_column(sa.String(64))
-    failure_message: Mapped[str | None] = mapped_column(sa.Text)
-    result_key: Mapped[str] = mapped_column(
-        sa.String(300), unique=True
-    )  # the complete answer, in the blob store
+    failure_code: Mapped[Str64 | None]
+    failure_message: Mapped[LongStr | None]
+    # the complete answer, in the blob store
+    result_key: Mapped[Str300] = mapped_column(unique=True)
     remeasurement_id: Mapped[uuid.UUID | None] = mapped_column(
         sa.ForeignKey("remeasurement.id"), index=True
     )
@@ -132,12 +151,12 @@ class RunArtefact(Base):
     personal = Personal(("run_id",), "derived_pictures")
     blob = BlobColumns()
 
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True)
-    name: Mapped[str] = mapped_column(sa.String(64), primary_key=True)
-    media_type: Mapped[str] = mapped_column(sa.String(64))
-    bytes: Mapped[int] = mapped_column(sa.BigInteger)
-    sha256: Mapped[str] = mapped_column(sa.String(64))
-    blob_key: Mapped[str] = mapped_column(sa.String(300), unique=True)
+    run_id: Mapped[RunRef] = mapped_column(primary_key=True)
+    name: Mapped[Str64] = mapped_column(primary_key=True)
+    media_type: Mapped[Str64]
+    bytes: Mapped[BigInt]
+    sha256: Mapped[Str64]
+    blob_key: Mapped[Str300] = mapped_column(unique=True)
 
 
 class Item(Base):
@@ -154,12 +173,12 @@ class Item(Base):
     __tablename__ = "item"
     personal = Personal(("meal_id",), "items", order_by="position")
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"))
+    id: Mapped[UuidKey]
+    meal_id: Mapped[MealRef] = mapped_column(index=True)
+    run_id: Mapped[RunRef | None]
     origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
-    parent_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
+    parent_id: Mapped[ItemRef | None] = mapped_column(index=True)
+    event_id: Mapped[MealEventRef | None] = mapped_column(index=True)
     position: Mapped[int]
     rings: Mapped[list[Ring]] = mapped_column(JsonValue)
     volume_ml: Mapped[float | None]
@@ -193,9 +212,9 @@ class ItemMeasure(Base):
     __tablename__ = "item_measure"
     personal = Personal(("item_id",), "measured_again")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    run_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("run.id"), primary_key=True, index=True)
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
+    item_id: Mapped[ItemRef] = mapped_column(primary_key=True)
+    run_id: Mapped[RunRef] = mapped_column(primary_key=True, index=True)
+    event_id: Mapped[MealEventRef | None] = mapped_column(index=True)
     rings: Mapped[list[Ring]] = mapped_column(JsonValue)
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
@@ -216,12 +235,12 @@ class Leftover(Base):
     __tablename__ = "leftover"
     personal = Personal(("after_item_id", "item_id"), "leftovers")
 
-    after_item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    version: Mapped[int] = mapped_column(primary_key=True)
-    item_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("item.id"), index=True)
+    after_item_id: Mapped[ItemRef] = mapped_column(primary_key=True)
+    version: Mapped[IntKey]
+    item_id: Mapped[ItemRef | None] = mapped_column(index=True)
     leftover_class: Mapped[LeftoverClass] = mapped_column(sa.String(16))
-    layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
+    layer: Mapped[Str16] = mapped_column(default="automatic")
+    event_id: Mapped[MealEventRef | None] = mapped_column(index=True)
     flags: Mapped[list[str]]
     created_at: Mapped[datetime]
 
@@ -245,12 +264,12 @@ class ItemCandidate(Base):
     __tablename__ = "item_candidate"
     personal = Personal(("item_id",), "candidates")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    position: Mapped[int] = mapped_column(primary_key=True)
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
+    item_id: Mapped[ItemRef] = mapped_column(primary_key=True)
+    position: Mapped[IntKey]
+    food_id: Mapped[FoodRef]
     probability: Mapped[float | None]
     source: Mapped[CandidateSource] = mapped_column(sa.String(16))
-    run_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("run.id"), index=True)
+    run_id: Mapped[RunRef | None] = mapped_column(index=True)
     reasons: Mapped[list[str] | None] = mapped_column(JsonValue)
 
 
@@ -265,22 +284,20 @@ class ItemFood(Base):
     __tablename__ = "item_food"
     personal = Personal(("item_id",), "taken_for", order_by="version")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    version: Mapped[int] = mapped_column(primary_key=True)
-    food_id: Mapped[int] = mapped_column(sa.ForeignKey("food.id"))
-    lies_as: Mapped[str | None] = mapped_column(
-        sa.String(16)
-    )  # its form on the plate; NULL: the food's usual form
+    item_id: Mapped[ItemRef] = mapped_column(primary_key=True)
+    version: Mapped[IntKey]
+    food_id: Mapped[FoodRef]
+    lies_as: Mapped[Str16 | None]  # its form on the plate; NULL: the food's usual form
     density_g_per_ml: Mapped[float | None]
     density_sd_g_per_ml: Mapped[float | None]
-    density_state: Mapped[str | None] = mapped_column(sa.String(32))
-    density_kind: Mapped[str | None] = mapped_column(sa.String(8))
-    density_basis: Mapped[str | None] = mapped_column(sa.String(32))
-    density_source: Mapped[str | None] = mapped_column(sa.String(300))
-    density_weighs: Mapped[str | None] = mapped_column(sa.String(8))
+    density_state: Mapped[Str32 | None]
+    density_kind: Mapped[Str8 | None]
+    density_basis: Mapped[Str32 | None]
+    density_source: Mapped[Str300 | None]
+    density_weighs: Mapped[Str8 | None]
     edible_share: Mapped[float]
-    layer: Mapped[str] = mapped_column(sa.String(16), default="automatic")
-    event_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("meal_event.id"), index=True)
+    layer: Mapped[Str16] = mapped_column(default="automatic")
+    event_id: Mapped[MealEventRef | None] = mapped_column(index=True)
     recompute_id: Mapped[uuid.UUID | None] = mapped_column(sa.ForeignKey("recompute.id"))
     created_at: Mapped[datetime]
 
@@ -292,9 +309,9 @@ class Recompute(Base):
 
     __tablename__ = "recompute"
 
-    id: Mapped[uuid.UUID] = mapped_column(primary_key=True)
-    author: Mapped[str] = mapped_column(sa.String(200))
-    reason: Mapped[str] = mapped_column(sa.Text)
+    id: Mapped[UuidKey]
+    author: Mapped[Str200]
+    reason: Mapped[LongStr]
     food_releases: Mapped[list[str]]
     started_at: Mapped[datetime]
 
@@ -332,10 +349,10 @@ class EffectiveRecord(HeadlineAmounts, Base):
     __tablename__ = "effective_record"
     personal = Personal(("meal_id",), "records")
 
-    item_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("item.id"), primary_key=True)
-    meal_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("meal.id"), index=True)
-    study_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("study.id"))
-    participant_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("participant.id"))
+    item_id: Mapped[ItemRef] = mapped_column(primary_key=True)
+    meal_id: Mapped[MealRef] = mapped_column(index=True)
+    study_id: Mapped[StudyRef]
+    participant_id: Mapped[ParticipantRef]
     captured_at: Mapped[datetime]
     local_date: Mapped[date]
     status: Mapped[RecordStatus] = mapped_column(sa.String(16))
@@ -344,12 +361,12 @@ class EffectiveRecord(HeadlineAmounts, Base):
     reviewed: Mapped[bool] = mapped_column(
         default=False
     )  # a reviewer decided last, and the amount is known
-    food_id: Mapped[int | None] = mapped_column(sa.ForeignKey("food.id"))
+    food_id: Mapped[FoodRef | None]
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]
     volume_high_ml: Mapped[float | None]
     density_g_per_ml: Mapped[float | None]
-    density_source: Mapped[str | None] = mapped_column(sa.String(300))
+    density_source: Mapped[Str300 | None]
     mass_g: Mapped[float | None]
     mass_low_g: Mapped[float | None]
     mass_high_g: Mapped[float | None]
@@ -364,7 +381,7 @@ class EffectiveRecord(HeadlineAmounts, Base):
     food_version: Mapped[int | None]
     run_id: Mapped[uuid.UUID | None]
     details: Mapped[RecordDetails] = mapped_column(JsonValue)
-    change_seq: Mapped[int] = mapped_column(sa.BigInteger)
+    change_seq: Mapped[BigInt]
 
     __table_args__ = (
         one_of("status", RECORD_STATUSES),
