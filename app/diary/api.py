@@ -112,10 +112,15 @@ def rows_of(overview: OverviewOut, part: Part) -> list[dict[str, JsonValue]]:
     return [row.model_dump(mode="json") for row in (table if isinstance(table, list) else [table])]
 
 
-lists = APIRouter(prefix="/v1/studies", tags=["days"], route_class=ListRoute)
+lists = APIRouter(
+    prefix="/v1/studies",
+    tags=["days"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
-@lists.get("/{study}/adequacy", responses=problem_responses(401, 403, 404, 422))
+@lists.get("/{study}/adequacy")
 def get_adequacy(
     study: StudyCode,
     state: State,
@@ -133,7 +138,7 @@ def get_adequacy(
     )
 
 
-@lists.get("/{study}/progress", responses=problem_responses(401, 403, 404, 422))
+@lists.get("/{study}/progress")
 def get_progress(
     study: StudyCode, state: State, staff: CurrentStaff, chosen: ProgressFilterIn
 ) -> ProgressOut:
@@ -147,7 +152,7 @@ LeastDays = Annotated[
 ]
 
 
-@lists.get("/{study}/flow", responses=problem_responses(401, 403, 404, 422))
+@lists.get("/{study}/flow")
 def get_flow(
     study: StudyCode, state: State, staff: CurrentStaff, least_days: LeastDays = MIN_DAYS
 ) -> FlowOut:
@@ -155,7 +160,7 @@ def get_flow(
     return study_flow(state.database, staff, study, least_days)
 
 
-summaries = APIRouter(prefix="/v1", tags=["feedback"])
+summaries = APIRouter(prefix="/v1", tags=["feedback"], responses=problem_responses(401, 403, 422))
 
 Day = Annotated[
     LocalDay | None,
@@ -165,15 +170,14 @@ Day = Annotated[
 ]
 
 
-@summaries.get("/me/summary", responses=problem_responses(401, 403, 410, 422))
+@summaries.get("/me/summary", responses=problem_responses(410))
 def get_my_summary(state: State, device: CurrentDevice, day: Day = None) -> SummaryOut:
     """A day's amounts and, from three closed days on, a comparison; only if the study gives feedback."""
     return read_feedback(state.database, device, day)
 
 
 @summaries.get(
-    "/studies/{study}/participants/{participant}/summary",
-    responses=problem_responses(401, 403, 404, 422),
+    "/studies/{study}/participants/{participant}/summary", responses=problem_responses(404)
 )
 def get_summary_of_participant(
     study: StudyCode,

@@ -14,7 +14,11 @@ from app.http.ranges import answer_stored_file
 from app.http.row_filter import WIRE_NAMES
 from app.people.access.deps import CurrentStaff, State
 
-router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
+router = APIRouter(
+    prefix="/v1/studies/{study}/exports",
+    tags=["exports"],
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
 @router.post(
@@ -25,7 +29,7 @@ router = APIRouter(prefix="/v1/studies/{study}/exports", tags=["exports"])
             "model": ExportOut,
             "description": "The same export was requested before and is not finished yet.",
         },
-        **problem_responses(401, 403, 404, 422, 429),
+        **problem_responses(429),
     },
 )
 def post_export(
@@ -39,7 +43,7 @@ def post_export(
     return _out(study, row)
 
 
-@router.get("", responses=problem_responses(401, 403, 404, 422))
+@router.get("")
 def get_exports(
     request: Request,
     study: StudyCode,
@@ -57,7 +61,7 @@ def get_exports(
     )
 
 
-@router.get("/{export_id}", responses=problem_responses(401, 403, 404, 422))
+@router.get("/{export_id}")
 def get_export(
     study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
 ) -> ExportOut:
@@ -68,8 +72,7 @@ def get_export(
 @router.get(
     "/{export_id}/file",
     response_class=Response,
-    responses=stored_file_responses(FILES)
-    | problem_responses(401, 403, 404, 409, 410, 416, 422, 503),
+    responses=stored_file_responses(FILES) | problem_responses(409, 410, 416, 503),
 )
 def get_export_file(
     request: Request, study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
@@ -79,7 +82,7 @@ def get_export_file(
     return answer_stored_file(request, state.blobs, file)
 
 
-@router.delete("/{export_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
+@router.delete("/{export_id}", status_code=204)
 def delete_export(
     study: StudyCode, export_id: ExportId, state: State, caller: CurrentStaff
 ) -> Response:

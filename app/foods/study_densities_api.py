@@ -16,10 +16,15 @@ from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentStaff, State
 
-router = APIRouter(prefix="/v1/studies/{study}/densities", tags=["studies"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/studies/{study}/densities",
+    tags=["studies"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
-@router.post("", status_code=201, responses=problem_responses(401, 403, 404, 413, 422))
+@router.post("", status_code=201, responses=problem_responses(413))
 def post_study_density(
     study: StudyCode, body: StudyDensityIn, state: State, admin: CurrentStaff, response: Response
 ) -> StudyDensityOut:
@@ -35,7 +40,7 @@ def post_study_density(
     return render_study_density(row)
 
 
-@router.get("", responses=problem_responses(401, 403, 404, 422))
+@router.get("")
 def get_study_densities(
     study: StudyCode,
     state: State,
@@ -49,7 +54,7 @@ def get_study_densities(
     return StudyDensityList(items=[render_study_density(row) for row in rows])
 
 
-@router.post("/{density}/withdrawal", responses=problem_responses(401, 403, 404, 409, 422))
+@router.post("/{density}/withdrawal", responses=problem_responses(409))
 def post_density_withdrawal(
     study: StudyCode,
     density: Annotated[uuid.UUID, Path(description="The measurement's id.")],

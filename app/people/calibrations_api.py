@@ -31,7 +31,9 @@ from app.people.calibration_schemas import (
 )
 from app.people.models import CameraCalibration
 
-router = APIRouter(tags=["calibrations"], route_class=ListRoute)
+router = APIRouter(
+    tags=["calibrations"], route_class=ListRoute, responses=problem_responses(401, 403)
+)
 
 PHOTO = "photo"
 MULTIPART_BODY: dict[str, Any] = {
@@ -66,7 +68,7 @@ MULTIPART_BODY: dict[str, Any] = {
 @router.post(
     "/v1/calibrations",
     status_code=201,
-    responses=problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503),
+    responses=problem_responses(400, 409, 410, 413, 415, 422, 503),
     openapi_extra=MULTIPART_BODY,
 )
 async def post_calibration(
@@ -107,14 +109,14 @@ async def post_calibration(
     return NewCalibrationOut(**_fields(new.calibration), left_out=left_out)
 
 
-@router.get("/v1/calibrations", responses=problem_responses(401, 403, 410))
+@router.get("/v1/calibrations", responses=problem_responses(410))
 def get_own_calibrations(state: State, caller: CurrentDevice) -> CalibrationList:
     """This phone's calibrations, including withdrawn ones, the newest first."""
     rows = calibrate_device.own_calibrations(state.database, caller)
     return CalibrationList(items=[CalibrationOut(**_fields(row)) for row in rows])
 
 
-@router.get("/v1/studies/{study}/calibrations", responses=problem_responses(401, 403, 404, 422))
+@router.get("/v1/studies/{study}/calibrations", responses=problem_responses(404, 422))
 def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> StudyCalibrationList:
     """The newest 1,000 calibrations of the study and its phones, including withdrawn ones, the newest first."""
     rows = calibrate_device.study_calibrations(state.database, study)
@@ -126,16 +128,14 @@ def get_study_calibrations(study: StudyCode, state: State, _: CurrentStaff) -> S
     )
 
 
-@router.post("/v1/rigs", status_code=201, responses=problem_responses(401, 403, 409, 410, 413, 422))
+@router.post("/v1/rigs", status_code=201, responses=problem_responses(409, 410, 413, 422))
 def post_own_rig(body: RigIn, state: State, caller: CurrentDevice) -> CalibrationOut:
     """Keep this phone's stereo rig, as `tada calibrate --rig --json` prints it: its meals then need no marker."""
     return CalibrationOut(**_fields(calibrate_device.keep_own_rig(state.database, caller, body)))
 
 
 @router.post(
-    "/v1/studies/{study}/rigs",
-    status_code=201,
-    responses=problem_responses(401, 403, 404, 409, 413, 422),
+    "/v1/studies/{study}/rigs", status_code=201, responses=problem_responses(404, 409, 413, 422)
 )
 def post_study_rig(
     study: StudyCode,
@@ -158,8 +158,7 @@ def post_study_rig(
 
 
 @router.post(
-    "/v1/calibrations/{calibration_id}/withdrawal",
-    responses=problem_responses(401, 403, 404, 410, 422),
+    "/v1/calibrations/{calibration_id}/withdrawal", responses=problem_responses(404, 410, 422)
 )
 def post_calibration_withdrawal(
     calibration_id: Annotated[uuid.UUID, Path(description="The calibration's id.")],

@@ -20,7 +20,10 @@ from app.people.devices import NewDevice, enrol_device
 from app.people.schemas import DeviceList, DeviceOut, EnrolmentIn, EnrolmentOut, PhoneOut
 
 devices_of_study = APIRouter(
-    prefix="/v1/studies/{study}/devices", tags=["devices"], route_class=ListRoute
+    prefix="/v1/studies/{study}/devices",
+    tags=["devices"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
 )
 enrolments = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 
@@ -34,7 +37,7 @@ ENROL_RESPONSES: dict[int | str, dict[str, Any]] = {
 }
 
 
-@devices_of_study.get("", responses=problem_responses(401, 403, 404, 422))
+@devices_of_study.get("")
 def get_devices(
     request: Request,
     study: StudyCode,
@@ -55,9 +58,7 @@ def get_devices(
     return DeviceList(items=items, next=next_page(request, page.cursor))
 
 
-@devices_of_study.delete(
-    "/{device_id}", status_code=204, responses=problem_responses(401, 403, 404, 422)
-)
+@devices_of_study.delete("/{device_id}", status_code=204)
 def delete_study_device(
     study: StudyCode,
     device_id: Annotated[uuid.UUID, Path(description="The phone's id.")],

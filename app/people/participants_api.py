@@ -24,7 +24,11 @@ from app.people.schemas import (
     ProfileIn,
 )
 
-router = APIRouter(prefix="/v1/studies/{study}/participants", tags=["participants"])
+router = APIRouter(
+    prefix="/v1/studies/{study}/participants",
+    tags=["participants"],
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 PICTURES = ("image/svg+xml", "image/png")
 CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -33,11 +37,11 @@ CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
         "description": "The code, shown once; or only its QR code, depending on `Accept`.",
         "content": {kind: {"schema": {"type": "string", "format": "binary"}} for kind in PICTURES},
     },
-    **problem_responses(401, 403, 404, 409, 422),
+    **problem_responses(409),
 }
 
 
-@router.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
+@router.post("", status_code=201, responses=problem_responses(409))
 def post_participant(
     study: StudyCode, body: ParticipantIn, state: State, caller: CurrentStaff, response: Response
 ) -> ParticipantOut:
@@ -54,7 +58,7 @@ def post_participant(
     return _render(row)
 
 
-@router.get("/{participant}", responses=problem_responses(401, 403, 404, 422))
+@router.get("/{participant}")
 def get_participant(
     study: StudyCode, participant: ParticipantCode, state: State, _: CurrentStaff
 ) -> ParticipantOut:
@@ -62,7 +66,7 @@ def get_participant(
     return _render(participants.read_participant(state.database, study, participant))
 
 
-@router.patch("/{participant}", responses=problem_responses(401, 403, 404, 409, 422))
+@router.patch("/{participant}", responses=problem_responses(409))
 def patch_participant(
     study: StudyCode,
     participant: ParticipantCode,

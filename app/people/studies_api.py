@@ -15,10 +15,15 @@ from app.people.models import Study
 from app.people.schemas import ProtocolIn, StudyIn, StudyList, StudyOut, StudyPatch
 from app.people.studies import ProtocolChange
 
-router = APIRouter(prefix="/v1/studies", tags=["studies"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/studies",
+    tags=["studies"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 422),
+)
 
 
-@router.get("", responses=problem_responses(401, 403, 422))
+@router.get("")
 def get_studies(
     request: Request, state: State, caller: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> StudyList:
@@ -29,7 +34,7 @@ def get_studies(
     )
 
 
-@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 422))
+@router.post("", status_code=201, responses=problem_responses(409))
 def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Response) -> StudyOut:
     """Create a study."""
     study = studies.create_study(
@@ -44,13 +49,13 @@ def post_study(body: StudyIn, state: State, caller: CurrentStaff, response: Resp
     return _tagged(study, response)
 
 
-@router.get("/{study}", responses=problem_responses(401, 403, 404, 422))
+@router.get("/{study}", responses=problem_responses(404))
 def get_study(study: StudyCode, state: State, _: CurrentStaff, response: Response) -> StudyOut:
     """A study and its protocol. Send the ETag in `If-Match` to change it."""
     return _tagged(studies.read_study(state.database, study), response)
 
 
-@router.patch("/{study}", responses=problem_responses(401, 403, 404, 409, 412, 422, 428))
+@router.patch("/{study}", responses=problem_responses(404, 409, 412, 428))
 def patch_study(
     study: StudyCode,
     body: StudyPatch,

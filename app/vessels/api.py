@@ -23,12 +23,12 @@ from app.vessels.schemas import (
 from app.vessels.study_vessels import VesselAuthor, VesselView, stored_measures
 from app.vessels.vessel_measures import measured_vessel
 
-router = APIRouter(tags=["vessels"], route_class=ListRoute)
+router = APIRouter(tags=["vessels"], route_class=ListRoute, responses=problem_responses(401, 403))
 
 VESSELS = "/v1/studies/{study}/vessels"
 
 
-@router.get(VESSELS, responses=problem_responses(401, 403, 404, 422))
+@router.get(VESSELS, responses=problem_responses(404, 422))
 def get_study_vessels(
     request: Request,
     study: StudyCode,
@@ -47,7 +47,7 @@ def get_study_vessels(
     )
 
 
-@router.post(VESSELS, status_code=201, responses=problem_responses(401, 403, 404, 409, 413, 422))
+@router.post(VESSELS, status_code=201, responses=problem_responses(404, 409, 413, 422))
 def post_study_vessel(
     study: StudyCode, body: VesselIn, state: State, owner: CurrentStaff, response: Response
 ) -> VesselOut:
@@ -59,7 +59,7 @@ def post_study_vessel(
     return _tagged(view, response)
 
 
-@router.get(f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 422))
+@router.get(f"{VESSELS}/{{vessel}}", responses=problem_responses(404, 422))
 def get_study_vessel(
     study: StudyCode,
     vessel: VesselId,
@@ -74,9 +74,7 @@ def get_study_vessel(
     return _tagged(study_vessels.read_vessel(state.database, study, vessel, version), response)
 
 
-@router.put(
-    f"{VESSELS}/{{vessel}}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428)
-)
+@router.put(f"{VESSELS}/{{vessel}}", responses=problem_responses(404, 409, 412, 413, 422, 428))
 def put_study_vessel(
     study: StudyCode,
     vessel: VesselId,
@@ -98,9 +96,7 @@ def put_study_vessel(
     return _tagged(view, response)
 
 
-@router.delete(
-    f"{VESSELS}/{{vessel}}", status_code=204, responses=problem_responses(401, 403, 404, 422)
-)
+@router.delete(f"{VESSELS}/{{vessel}}", status_code=204, responses=problem_responses(404, 422))
 def delete_study_vessel(
     study: StudyCode, vessel: VesselId, state: State, owner: CurrentStaff
 ) -> Response:
@@ -109,7 +105,7 @@ def delete_study_vessel(
     return Response(status_code=204)
 
 
-@router.get("/v1/me/vessels", responses=problem_responses(401, 403, 410))
+@router.get("/v1/me/vessels", responses=problem_responses(410))
 def get_own_vessels(state: State, caller: CurrentDevice) -> PhoneVesselList:
     """The vessels that the phone's study uses, by name: offer them, and name the chosen one in a hint's `vessel`."""
     views = study_vessels.vessels_of_phone(state.database, caller)

@@ -23,10 +23,14 @@ from app.webhooks.schemas import (
 )
 from app.webhooks.webhooks import IssuedSecret, Webhooks
 
-router = APIRouter(prefix="/v1/studies/{study}/webhooks", tags=["webhooks"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/studies/{study}/webhooks",
+    tags=["webhooks"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
-READ = problem_responses(401, 403, 404, 422)
-WRITE = problem_responses(401, 403, 404, 409, 413, 422)
+WRITE = problem_responses(409, 413)
 
 
 def _webhooks(study: StudyCode, state: State, owner: CurrentStaff) -> Webhooks:
@@ -46,19 +50,19 @@ def post_webhook(hooks: Hooks, body: WebhookIn, response: Response) -> WebhookSe
     return _secret_out(issued)
 
 
-@router.get("", responses=READ)
+@router.get("")
 def get_webhooks(hooks: Hooks) -> WebhookList:
     """The study's webhooks, including disabled ones."""
     return WebhookList(items=[_webhook_out(hook) for hook in hooks.list()])
 
 
-@router.get("/{webhook}", responses=READ)
+@router.get("/{webhook}")
 def get_webhook(hooks: Hooks, webhook: WebhookId, response: Response) -> WebhookOut:
     """A webhook. Send its `ETag` in `If-Match` to change it."""
     return _tagged(hooks.read(webhook), response)
 
 
-@router.patch("/{webhook}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
+@router.patch("/{webhook}", responses=problem_responses(409, 412, 413, 428))
 def patch_webhook(
     hooks: Hooks,
     webhook: WebhookId,
@@ -74,28 +78,26 @@ def patch_webhook(
     return _tagged(changed, response)
 
 
-@router.delete("/{webhook}", status_code=204, responses=READ)
+@router.delete("/{webhook}", status_code=204)
 def delete_webhook(hooks: Hooks, webhook: WebhookId) -> Response:
     """Disable the webhook: waiting deliveries are given up; the log stays for its 30 days."""
     hooks.disable(webhook)
     return Response(status_code=204)
 
 
-@router.post("/{webhook}/secret", responses=READ)
+@router.post("/{webhook}/secret")
 def post_secret(hooks: Hooks, webhook: WebhookId) -> WebhookSecretOut:
     """Create a new secret, shown once. For a day deliveries also carry a signature with the old one."""
     return _secret_out(hooks.rotate_secret(webhook))
 
 
-@router.post(
-    "/{webhook}/test", status_code=202, responses=problem_responses(401, 403, 404, 409, 422)
-)
+@router.post("/{webhook}/test", status_code=202, responses=problem_responses(409))
 def post_test(hooks: Hooks, webhook: WebhookId) -> DeliveryOut:
     """Send a `ping`; its delivery appears in the log."""
     return _delivery_out(hooks.test(webhook))
 
 
-@router.get("/{webhook}/deliveries", responses=READ)
+@router.get("/{webhook}/deliveries")
 def get_deliveries(
     request: Request,
     hooks: Hooks,
@@ -114,9 +116,7 @@ def get_deliveries(
 
 
 @router.post(
-    "/{webhook}/deliveries/{delivery}/replay",
-    status_code=202,
-    responses=problem_responses(401, 403, 404, 409, 422),
+    "/{webhook}/deliveries/{delivery}/replay", status_code=202, responses=problem_responses(409)
 )
 def post_replay(
     hooks: Hooks,

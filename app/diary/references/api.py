@@ -13,14 +13,16 @@ from app.http.problems import problem_responses
 from app.people.access.deps import CurrentStaff, State
 from app.people.studies import load_study
 
-router = APIRouter(prefix="/v1/studies/{study}", tags=["days"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/studies/{study}",
+    tags=["days"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
 @router.put(
-    "/reference-days",
-    status_code=204,
-    response_class=Response,
-    responses=problem_responses(401, 403, 404, 413, 422),
+    "/reference-days", status_code=204, response_class=Response, responses=problem_responses(413)
 )
 def put_reference(
     study: StudyCode,
@@ -38,7 +40,7 @@ def put_reference(
     replace_reference(state.database, caller, study, body)
 
 
-@router.get("/reference-agreement", responses=problem_responses(401, 403, 404, 422))
+@router.get("/reference-agreement")
 def get_reference_agreement(study: StudyCode, state: State, _: CurrentStaff) -> ReferenceAgreement:
     """How far participants' means agree with the reference, over the same days, by nutrient."""
     with state.database.read() as session:

@@ -43,12 +43,14 @@ from app.http.text_schemas import LocalDay
 from app.meals.stored.event_models import DayEventKind
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
 
-router = APIRouter(prefix="/v1", tags=["days"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1", tags=["days"], route_class=ListRoute, responses=problem_responses(401, 403, 422)
+)
 
 Day = Annotated[LocalDay, Path(description="A local day, such as 2026-11-21.")]
 
 
-@router.get("/me/days", responses=problem_responses(401, 403, 422))
+@router.get("/me/days")
 def get_my_days(
     state: State, device: CurrentDevice, first_day: FirstDay = None, last_day: LastDay = None
 ) -> DayList:
@@ -57,7 +59,7 @@ def get_my_days(
     return DayList(items=[DayOut.model_validate(day, from_attributes=True) for day in days])
 
 
-@router.put("/me/days/{day}", responses=problem_responses(401, 403, 409, 410, 412, 422, 428))
+@router.put("/me/days/{day}", responses=problem_responses(409, 410, 412, 428))
 def put_my_day(
     day: Day,
     body: DayIn,
@@ -73,10 +75,7 @@ def put_my_day(
     return _tagged(row, response)
 
 
-@router.get(
-    "/studies/{study}/participants/{participant}/days",
-    responses=problem_responses(401, 403, 404, 422),
-)
+@router.get("/studies/{study}/participants/{participant}/days", responses=problem_responses(404))
 def get_days_of_participant(
     study: StudyCode,
     participant: ParticipantCode,
@@ -99,7 +98,7 @@ def get_days_of_participant(
 
 @router.put(
     "/studies/{study}/participants/{participant}/days/{day}",
-    responses=problem_responses(401, 403, 404, 409, 412, 422, 428),
+    responses=problem_responses(404, 409, 412, 428),
 )
 def put_day_of_participant(
     study: StudyCode,
@@ -128,7 +127,7 @@ def put_day_of_participant(
     response_model=DaySummaryPage,
     responses={
         200: {"content": FILES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 403, 404, 422, 503),
+        **problem_responses(404, 503),
     },
 )
 def get_days(
@@ -157,7 +156,7 @@ def get_days(
     return ModelResponse(body)
 
 
-@router.get("/studies/{study}/intakes", responses=problem_responses(401, 403, 404, 422))
+@router.get("/studies/{study}/intakes", responses=problem_responses(404))
 def get_intakes(
     request: Request,
     study: StudyCode,

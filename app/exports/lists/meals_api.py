@@ -46,7 +46,7 @@ from app.people.access.deps import CurrentCaller, CurrentStaff, State
 from app.people.studies import read_study
 from app.records.render import food_ref
 
-router = APIRouter(prefix="/v1", tags=["meals"])
+router = APIRouter(prefix="/v1", tags=["meals"], responses=problem_responses(401, 404))
 
 MealVersion = Annotated[
     str, StringConstraints(max_length=50, pattern=r"^[0-9A-Fa-f-]{32,36}:[0-9]{1,9}$")
@@ -58,7 +58,7 @@ MealVersion = Annotated[
     response_model=MealPage,
     responses={
         200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 404, 422, 503),
+        **problem_responses(422, 503),
     },
 )
 def get_meals(
@@ -92,7 +92,7 @@ def get_meals(
     return ModelResponse(body)
 
 
-@router.get("/studies/{study}/meal-counts", responses=problem_responses(401, 403, 404))
+@router.get("/studies/{study}/meal-counts", responses=problem_responses(403))
 def get_meal_counts(study: StudyCode, state: State, _: CurrentStaff) -> MealCounts:
     """The study's number of meals by status, up to 1,000 each."""
     counts, needs_look = count_meals(state.database, read_study(state.database, study).id)
@@ -100,7 +100,7 @@ def get_meal_counts(study: StudyCode, state: State, _: CurrentStaff) -> MealCoun
     return MealCounts(items=items, needs_look=needs_look)
 
 
-@router.get("/studies/{study}/changed-meals", responses=problem_responses(401, 403, 404, 422))
+@router.get("/studies/{study}/changed-meals", responses=problem_responses(403, 422))
 def get_changed_meals(
     study: StudyCode,
     state: State,

@@ -23,12 +23,16 @@ from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
 from app.people.access.deps import CurrentStaff, State
 
-router = APIRouter(prefix="/v1/studies/{study}/releases", tags=["releases"])
+router = APIRouter(
+    prefix="/v1/studies/{study}/releases",
+    tags=["releases"],
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 RELEASE_FILES = FILES | {"application/json": {"schema": {"type": "object"}}}
 
 
-@router.post("", status_code=202, responses=problem_responses(401, 403, 404, 409, 422))
+@router.post("", status_code=202, responses=problem_responses(409))
 def post_release(
     study: StudyCode, body: ReleaseIn, state: State, caller: CurrentStaff, response: Response
 ) -> ReleaseOut:
@@ -40,7 +44,7 @@ def post_release(
     return _out(study, row)
 
 
-@router.get("", responses=problem_responses(401, 403, 404, 422))
+@router.get("")
 def get_releases(
     request: Request,
     study: StudyCode,
@@ -56,7 +60,7 @@ def get_releases(
     )
 
 
-@router.get("/{name}", responses=problem_responses(401, 403, 404, 422))
+@router.get("/{name}")
 def get_release(
     study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff
 ) -> ReleaseOut:
@@ -67,8 +71,7 @@ def get_release(
 @router.get(
     "/{name}/files/{file}",
     response_class=Response,
-    responses=stored_file_responses(RELEASE_FILES)
-    | problem_responses(401, 403, 404, 409, 416, 422, 503),
+    responses=stored_file_responses(RELEASE_FILES) | problem_responses(409, 416, 503),
 )
 def get_release_file(
     request: Request,
@@ -85,7 +88,7 @@ def get_release_file(
     return answer_stored_file(request, state.blobs, stored_file)
 
 
-@router.get("/{name}/check", responses=problem_responses(401, 403, 404, 409, 422, 503))
+@router.get("/{name}/check", responses=problem_responses(409, 503))
 def get_release_check(
     study: StudyCode, name: ReleaseName, state: State, caller: CurrentStaff
 ) -> ReleaseCheckOut:

@@ -25,7 +25,9 @@ from app.people.schemas import ClockTime, Code, ReminderTimes
 from app.people.studies_api import clock, minutes_of
 from app.webhooks.safe_address import parse_target
 
-router = APIRouter(prefix="/v1/me/reminders", tags=["me"])
+router = APIRouter(
+    prefix="/v1/me/reminders", tags=["me"], responses=problem_responses(401, 403, 410)
+)
 of_staff = APIRouter(tags=["participants"])
 
 CALLS = {
@@ -183,7 +185,7 @@ def post_reminders_page(page: CurrentPage, study: str, fields: Fields) -> Respon
     return page.redirect(f"{study_address(study, 'participants')}?{query}", notice)
 
 
-@router.get("", responses=problem_responses(401, 403, 410))
+@router.get("")
 def get_reminders(state: State, caller: CurrentDevice) -> RemindersOut:
     """Return this phone's reminders, and the server's key to subscribe with."""
     return _render(
@@ -191,7 +193,7 @@ def get_reminders(state: State, caller: CurrentDevice) -> RemindersOut:
     )
 
 
-@router.put("", responses=problem_responses(401, 403, 409, 410, 422))
+@router.put("", responses=problem_responses(409, 422))
 def put_reminders(body: RemindersIn, state: State, caller: CurrentDevice) -> RemindersOut:
     """Subscribe this phone to reminders, or change when it wants them."""
     require_zone(body.time_zone)
@@ -212,7 +214,7 @@ def put_reminders(body: RemindersIn, state: State, caller: CurrentDevice) -> Rem
     return _render(state.settings, state.part(SecretBox), reminders)
 
 
-@router.delete("", status_code=204, responses=problem_responses(401, 403, 410))
+@router.delete("", status_code=204)
 def delete_reminders(state: State, caller: CurrentDevice) -> Response:
     """Stop reminding this phone."""
     subscriptions.unsubscribe(state.database, caller)

@@ -33,10 +33,15 @@ from app.nutrition.portion_density import Specimen
 from app.nutrition.portions import Portion
 from app.people.access.deps import CurrentStaff, State
 
-router = APIRouter(prefix="/v1/foods", tags=["foods"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/foods",
+    tags=["foods"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 422),
+)
 
 
-@router.post("", status_code=201, responses=problem_responses(401, 403, 409, 413, 422))
+@router.post("", status_code=201, responses=problem_responses(409, 413))
 def post_food(body: FoodIn, state: State, admin: CurrentStaff, response: Response) -> FoodOut:
     """Make a food; with a recipe its figures follow from the ingredients, their retention and the yield."""
     view = edit_food.create_food(
@@ -46,7 +51,7 @@ def post_food(body: FoodIn, state: State, admin: CurrentStaff, response: Respons
     return _tagged(view, response)
 
 
-@router.patch("/{key}", responses=problem_responses(401, 403, 404, 409, 412, 413, 422, 428))
+@router.patch("/{key}", responses=problem_responses(404, 409, 412, 413, 428))
 def patch_food(
     key: FoodKey,
     body: FoodPatch,
@@ -66,11 +71,7 @@ def patch_food(
     return _tagged(view, response)
 
 
-@router.post(
-    "/{key}/densities",
-    status_code=201,
-    responses=problem_responses(401, 403, 404, 409, 412, 413, 422),
-)
+@router.post("/{key}/densities", status_code=201, responses=problem_responses(404, 409, 412, 413))
 def post_density(
     key: FoodKey,
     body: MeasuredDensityIn,
@@ -89,7 +90,7 @@ def post_density(
     return _tagged(view, response)
 
 
-@router.post("/{key}/restore", responses=problem_responses(401, 403, 404, 409, 412, 422, 428))
+@router.post("/{key}/restore", responses=problem_responses(404, 409, 412, 428))
 def post_restore(
     key: FoodKey,
     body: RestoreIn,
@@ -109,7 +110,7 @@ def post_restore(
     return _tagged(view, response)
 
 
-@router.get("/{key}/changes", responses=problem_responses(401, 403, 404, 422))
+@router.get("/{key}/changes", responses=problem_responses(404))
 def get_food_changes(key: FoodKey, state: State, _: CurrentStaff) -> ChangeList:
     """Who changed a food, when and why, and what; the newest change first."""
     return render_changes(edit_food.list_changes(state.database, key))

@@ -42,8 +42,10 @@ from app.records.meal_schemas import MealMetadataIn, MealOut, NewMealMetadataIn
 from app.records.read_meal import MealView, read_meal
 from app.records.render import tagged_meal
 
-router = APIRouter()
-meals = APIRouter(tags=["meals"])
+router = APIRouter(responses=problem_responses(401, 403, 410))
+meals = APIRouter(
+    tags=["meals"], responses=problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503)
+)
 
 # heeds fields of a new meal's metadata that no model has, and takes them out of these; refuses the
 # call, or returns how the meal's estimate is to end
@@ -54,12 +56,11 @@ MetadataHook = Callable[
 SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     202: {"model": MealOut, "description": "Kept; Location names the meal."},
-    **problem_responses(400, 401, 403, 409, 410, 413, 415, 422, 503),
 }
 DECLARE_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     201: {"model": MealOut, "description": "Kept and confirmed; Location names the meal."},
-    **problem_responses(400, 401, 403, 409, 410, 413, 422, 503),
+    **problem_responses(400, 409, 413, 422, 503),
 }
 PHOTOGRAPH_TYPES = "JPEG, PNG, WebP or HEIC"
 MAP_TYPES = "PNG or TIFF"
@@ -215,16 +216,14 @@ def post_declared_meal(body: DeclaredMealIn, state: State, caller: CurrentDevice
     return tagged_meal(view, 201 if is_new else 200, is_located=True)
 
 
-@router.get("/v1/me/favourites", responses=problem_responses(401, 403, 410), tags=["review"])
+@router.get("/v1/me/favourites", tags=["review"])
 def get_favourites(state: State, caller: CurrentDevice) -> FavouriteList:
     """The participant's favourites: foods and amounts under a name."""
     _, participant, _, _ = read_phone(state.database, caller)
     return FavouriteList.model_validate({"items": participant.favourites or []})
 
 
-@router.put(
-    "/v1/me/favourites", responses=problem_responses(401, 403, 410, 413, 422), tags=["review"]
-)
+@router.put("/v1/me/favourites", responses=problem_responses(413, 422), tags=["review"])
 def put_favourites(body: FavouriteList, state: State, caller: CurrentDevice) -> FavouriteList:
     """Replace all favourites of the participant."""
     with state.database.write() as session:

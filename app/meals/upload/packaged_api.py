@@ -24,12 +24,12 @@ from app.nutrition.components import COMPONENT_BY_NUMBER
 from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentCaller, CurrentDevice, State
 
-router = APIRouter(tags=["foods"])
+router = APIRouter(tags=["foods"], responses=problem_responses(401, 404, 422))
 
 SECONDS = 10.0  # limit of one photograph: many times the need of a slow machine
 
 
-@router.get("/v1/packaged-foods/{barcode}", responses=problem_responses(401, 404, 422))
+@router.get("/v1/packaged-foods/{barcode}")
 def get_packaged_food(
     state: State,
     _: CurrentCaller,
@@ -43,7 +43,7 @@ def get_packaged_food(
 
 @router.post(
     "/v1/barcodes",
-    responses=problem_responses(400, 401, 403, 404, 410, 413, 415, 422, 503),
+    responses=problem_responses(400, 403, 410, 413, 415, 503),
     openapi_extra=PHOTO_BODY,
 )
 async def post_barcode(request: Request, state: State, caller: CurrentDevice) -> PackagedFoodOut:

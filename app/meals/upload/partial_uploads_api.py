@@ -28,7 +28,11 @@ from app.people.access.caller import DeviceCaller
 from app.people.access.deps import CurrentDevice, State
 from app.records.read_meal import read_meal
 
-router = APIRouter(prefix="/v1/meals/{meal_id}/images/{slot}/upload", tags=["meals"])
+router = APIRouter(
+    prefix="/v1/meals/{meal_id}/images/{slot}/upload",
+    tags=["meals"],
+    responses=problem_responses(401, 403, 404, 410, 412, 422),
+)
 
 TUS_VERSION = "1.0.0"
 PIECE_TYPE = "application/offset+octet-stream"
@@ -64,10 +68,7 @@ VersionIn = Annotated[
 
 
 @router.post(
-    "",
-    status_code=201,
-    response_class=Response,
-    responses=problem_responses(401, 403, 404, 409, 410, 412, 413, 422, 503),
+    "", status_code=201, response_class=Response, responses=problem_responses(409, 413, 503)
 )
 def post_upload(
     meal_id: MealId,
@@ -87,12 +88,7 @@ def post_upload(
     return _answer(201, upload, Location=f"/v1/meals/{meal_id}/images/{slot}/upload")
 
 
-@router.get(
-    "",
-    status_code=204,
-    response_class=Response,
-    responses=problem_responses(401, 403, 404, 410, 412, 422),
-)
+@router.get("", status_code=204, response_class=Response)
 def get_upload(
     meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None
 ) -> Response:
@@ -114,7 +110,7 @@ def get_upload(
     "",
     status_code=204,
     response_class=Response,
-    responses=problem_responses(400, 401, 403, 404, 409, 410, 412, 413, 415, 422, 503),
+    responses=problem_responses(400, 409, 413, 415, 503),
     openapi_extra=PIECE_BODY,
 )
 async def patch_upload(
@@ -145,12 +141,7 @@ async def patch_upload(
     return _answer(204, progress)
 
 
-@router.delete(
-    "",
-    status_code=204,
-    response_class=Response,
-    responses=problem_responses(401, 403, 404, 410, 412, 422),
-)
+@router.delete("", status_code=204, response_class=Response)
 def delete_upload(
     meal_id: MealId, slot: Slot, state: State, caller: CurrentDevice, version: VersionIn = None
 ) -> Response:

@@ -101,7 +101,9 @@ class MealWaiter:
                     future.set_result(None)
 
 
-router = APIRouter(prefix="/v1/meals", tags=["meals"])
+router = APIRouter(
+    prefix="/v1/meals", tags=["meals"], responses=problem_responses(401, 404, 409, 422)
+)
 
 # statuses that no worker changes
 FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})
@@ -112,9 +114,8 @@ ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
         "content": {"image/jpeg": {}, "application/json": {}, "application/octet-stream": {}},
         "description": "The picture, the points, or the scene (docs/volume.md).",
     },
-    **problem_responses(401, 404, 409, 422),
 }
-PROBLEMS = problem_responses(401, 403, 404, 409, 410, 422)
+PROBLEMS = problem_responses(403, 410)
 RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "It waits for its estimate already: nothing changed."},
     202: {"model": MealOut, "description": "Queued again; Location names the meal."},
@@ -125,10 +126,7 @@ RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
 @router.get(
     "/{meal_id}",
     response_model=MealOut,
-    responses={
-        304: {"description": "The caller has this version."},
-        **problem_responses(401, 404, 409, 422),
-    },
+    responses={304: {"description": "The caller has this version."}},
 )
 async def get_meal(
     request: Request,
@@ -159,9 +157,7 @@ async def get_meal(
 
 
 @router.get(
-    "/{meal_id}/artefacts/{name}",
-    response_class=StreamingResponse,
-    responses=ARTEFACT_RESPONSES,
+    "/{meal_id}/artefacts/{name}", response_class=StreamingResponse, responses=ARTEFACT_RESPONSES
 )
 def get_artefact(
     meal_id: MealId,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import UTC, date, datetime, timedelta
 from itertools import chain, islice
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
@@ -71,11 +71,10 @@ class AuditPage(BaseModel):
 
 
 STREAM_PAGE = 1000
-router = APIRouter(prefix="/v1", tags=["audit"])
+router = APIRouter(prefix="/v1", tags=["audit"], responses=problem_responses(401, 403, 404, 422))
 
-RESPONSES = {
+RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": AuditPage, "content": FILES, "description": "A page, or all events as a file."},
-    **problem_responses(401, 403, 404, 422),
 }
 BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)  # no event is older
 

@@ -39,13 +39,28 @@ from app.people.access.staff_schemas import (
 )
 from app.people.models import Staff
 
-staff_members = APIRouter(prefix="/v1/staff", tags=["staff"], route_class=ListRoute)
+staff_members = APIRouter(
+    prefix="/v1/staff",
+    tags=["staff"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 422),
+)
 sessions = APIRouter(prefix="/v1/sessions", tags=["sessions"])
-tokens = APIRouter(prefix="/v1/tokens", tags=["tokens"], route_class=ListRoute)
-members = APIRouter(prefix="/v1/studies/{study}/members", tags=["studies"], route_class=ListRoute)
+tokens = APIRouter(
+    prefix="/v1/tokens",
+    tags=["tokens"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403),
+)
+members = APIRouter(
+    prefix="/v1/studies/{study}/members",
+    tags=["studies"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
-@staff_members.get("", responses=problem_responses(401, 403, 422))
+@staff_members.get("")
 def get_staff(
     request: Request, state: State, _: CurrentStaff, limit: Limit = 100, cursor: Cursor = None
 ) -> StaffList:
@@ -56,7 +71,7 @@ def get_staff(
     )
 
 
-@staff_members.post("", status_code=201, responses=problem_responses(401, 403, 409, 422, 503))
+@staff_members.post("", status_code=201, responses=problem_responses(409, 503))
 def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
     """Create a staff member."""
     row = staff.create_staff(
@@ -70,13 +85,13 @@ def post_staff(body: StaffIn, state: State, caller: CurrentStaff) -> StaffOut:
     return _render(row)
 
 
-@staff_members.get("/{name}", responses=problem_responses(401, 403, 404, 422))
+@staff_members.get("/{name}", responses=problem_responses(404))
 def get_staff_member(name: StaffName, state: State, _: CurrentStaff) -> StaffOut:
     """A staff member."""
     return _render(staff.read_staff(state.database, name))
 
 
-@staff_members.patch("/{name}", responses=problem_responses(401, 403, 404, 409, 422, 503))
+@staff_members.patch("/{name}", responses=problem_responses(404, 409, 503))
 def patch_staff(
     name: StaffName, body: StaffPatch, state: State, caller: CurrentStaff
 ) -> StaffChangedOut:
@@ -144,13 +159,13 @@ def post_password(
     return EndedAccessOut.model_validate(ended, from_attributes=True)
 
 
-@tokens.get("", responses=problem_responses(401, 403))
+@tokens.get("")
 def get_tokens(state: State, caller: CurrentStaff) -> TokenList:
     """The caller's valid tokens, without their secrets."""
     return TokenList(items=access_tokens.list_tokens(state.database, caller))
 
 
-@tokens.post("", status_code=201, responses=problem_responses(401, 403, 404, 409, 422))
+@tokens.post("", status_code=201, responses=problem_responses(404, 409, 422))
 def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued:
     """Create a token; it is shown once. At each call it has its creator's rights, restricted by scope and study."""
     token, view = access_tokens.create_token(
@@ -164,7 +179,7 @@ def post_token(body: TokenIn, state: State, caller: CurrentStaff) -> TokenIssued
     return TokenIssued(token=token, **view.model_dump())
 
 
-@tokens.delete("/{token_id}", status_code=204, responses=problem_responses(401, 403, 404, 422))
+@tokens.delete("/{token_id}", status_code=204, responses=problem_responses(404, 422))
 def delete_token(
     token_id: Annotated[uuid.UUID, Path(description="The token's id.")],
     state: State,
@@ -175,7 +190,7 @@ def delete_token(
     return Response(status_code=204)
 
 
-@members.get("", responses=problem_responses(401, 403, 404, 422))
+@members.get("")
 def get_members(
     request: Request,
     study: StudyCode,
@@ -189,7 +204,7 @@ def get_members(
     return MemberList(items=page.rows, next=next_page(request, page.cursor))
 
 
-@members.put("/{name}", responses=problem_responses(401, 403, 404, 409, 422))
+@members.put("/{name}", responses=problem_responses(409))
 def put_member(
     study: StudyCode, name: StaffName, body: MemberIn, state: State, caller: CurrentStaff
 ) -> MemberOut:
@@ -197,7 +212,7 @@ def put_member(
     return staff.set_member(state.database, caller, study, name, body.role)
 
 
-@members.delete("/{name}", status_code=204, responses=problem_responses(401, 403, 404, 409, 422))
+@members.delete("/{name}", status_code=204, responses=problem_responses(409))
 def delete_member(
     study: StudyCode, name: StaffName, state: State, caller: CurrentStaff
 ) -> Response:

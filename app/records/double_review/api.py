@@ -17,10 +17,15 @@ from app.records.double_review.known_items import put_known_item
 from app.records.double_review.queries import decided_by_two
 from app.records.double_review.schemas import DecisionList, KnownItemIn
 
-router = APIRouter(prefix="/v1/studies/{study}", tags=["review"], route_class=ListRoute)
+router = APIRouter(
+    prefix="/v1/studies/{study}",
+    tags=["review"],
+    route_class=ListRoute,
+    responses=problem_responses(401, 403, 404, 422),
+)
 
 
-@router.get("/decisions", responses=problem_responses(401, 403, 404, 422))
+@router.get("/decisions")
 def get_decisions(study: StudyCode, state: State, _: CurrentStaff) -> DecisionList:
     """All decisions about items that two reviewers have decided without seeing each other, and a third's."""
     with state.database.read() as session:
@@ -32,7 +37,7 @@ def get_decisions(study: StudyCode, state: State, _: CurrentStaff) -> DecisionLi
     "/known-items/{item}",
     status_code=204,
     response_class=Response,
-    responses=problem_responses(401, 403, 404, 413, 422, 503),
+    responses=problem_responses(413, 503),
 )
 def put_item(
     study: StudyCode,

@@ -25,7 +25,9 @@ from app.records.remeasurements.schemas import (
     Selection,
 )
 
-router = APIRouter(tags=["remeasurements"], route_class=ListRoute)
+router = APIRouter(
+    tags=["remeasurements"], route_class=ListRoute, responses=problem_responses(401, 403, 404, 422)
+)
 
 REMEASUREMENTS = "/v1/studies/{study}/remeasurements"
 START_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -34,13 +36,11 @@ START_RESPONSES: dict[int | str, dict[str, Any]] = {
         "description": "The unfinished one of the same selection, which goes on.",
     },
     202: {"model": RemeasurementOut, "description": "Started; Location names it."},
-    **problem_responses(401, 403, 404, 409, 422),
+    **problem_responses(409),
 }
 
 
-@router.get(
-    "/v1/studies/{study}/remeasurement-plan", responses=problem_responses(401, 403, 404, 422)
-)
+@router.get("/v1/studies/{study}/remeasurement-plan")
 def get_remeasurement_plan(
     study: StudyCode,
     state: State,
@@ -68,7 +68,7 @@ def post_remeasurement(
     return view
 
 
-@router.get(REMEASUREMENTS, responses=problem_responses(401, 403, 404, 422))
+@router.get(REMEASUREMENTS)
 def get_remeasurements(
     request: Request,
     study: StudyCode,
@@ -87,7 +87,7 @@ def get_remeasurements(
     )
 
 
-@router.get(f"{REMEASUREMENTS}/{{remeasurement}}", responses=problem_responses(401, 403, 404, 422))
+@router.get(f"{REMEASUREMENTS}/{{remeasurement}}")
 def get_remeasurement(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
@@ -97,9 +97,7 @@ def get_remeasurement(
     )
 
 
-@router.get(
-    f"{REMEASUREMENTS}/{{remeasurement}}/items", responses=problem_responses(401, 403, 404, 422)
-)
+@router.get(f"{REMEASUREMENTS}/{{remeasurement}}/items")
 def get_remeasured_items(
     request: Request,
     study: StudyCode,
@@ -116,9 +114,7 @@ def get_remeasured_items(
     return ComparedItemList(items=list(page.rows), next=next_page(request, page.cursor))
 
 
-@router.post(
-    f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(401, 403, 404, 409, 422)
-)
+@router.post(f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(409))
 def post_stop(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:
@@ -128,10 +124,7 @@ def post_stop(
     )
 
 
-@router.post(
-    f"{REMEASUREMENTS}/{{remeasurement}}/continue",
-    responses=problem_responses(401, 403, 404, 409, 422),
-)
+@router.post(f"{REMEASUREMENTS}/{{remeasurement}}/continue", responses=problem_responses(409))
 def post_continue(
     study: StudyCode, remeasurement: RemeasurementId, state: State, caller: CurrentStaff
 ) -> RemeasurementOut:

@@ -34,12 +34,12 @@ from app.records.review.queue_schemas import QuestionList, QuestionOut, QueuedIt
 from app.records.review.review_items import QueuedItem, open_questions, read_queue
 from app.records.review.schemas import EventIn, EventList, EventOut
 
-router = APIRouter(tags=["review"])
+router = APIRouter(tags=["review"], responses=problem_responses(401, 403))
 
 EVENT_RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {"model": MealOut, "description": "The same event as before: nothing was changed."},
     201: {"model": MealOut, "description": "The meal as it stands with the event."},
-    **problem_responses(400, 401, 403, 404, 409, 410, 412, 413, 422, 428),
+    **problem_responses(400, 404, 409, 410, 412, 413, 422, 428),
 }
 
 
@@ -61,7 +61,7 @@ def post_event(
     return tagged_meal(view, 201 if is_new else 200)
 
 
-@router.get("/v1/meals/{meal_id}/events", responses=problem_responses(401, 403, 404, 409, 422))
+@router.get("/v1/meals/{meal_id}/events", responses=problem_responses(404, 409, 422))
 def get_events(
     request: Request,
     meal_id: MealId,
@@ -92,7 +92,7 @@ def _event(row: HistoryRow) -> EventOut:
     )
 
 
-@router.get("/v1/me/questions", responses=problem_responses(401, 403))
+@router.get("/v1/me/questions")
 def get_questions(state: State, caller: CurrentDevice) -> QuestionList:
     """Questions that wait for an answer: an event of kind `answer` of the meal."""
     return QuestionList(
