@@ -17,11 +17,12 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import structlog
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from app.children.child_pool import ChildPool, ChildRequest, ChildResult, Outcome
 from app.core.errors import Failure
 from app.core.settings import Settings
+from app.http.closed_model import ClosedModel
 from app.meals.stored.outline_json import rings_of
 from app.meals.stored.run_answer import CandidateAnswer, Json, RunAnswer
 
@@ -39,10 +40,8 @@ MAX_LABELS = 10_000
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
-class _Described(BaseModel):
+class _Described(ClosedModel):
     """The TOML file."""
-
-    model_config = ConfigDict(extra="forbid")
 
     model: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.columns.day_columns import SUMS
 from app.http.field_descriptions import (
     CAPTURED_AT,
@@ -47,11 +48,11 @@ LEFTOVERS_UNKNOWN = (
 )
 
 
-class DayIn(BaseModel):
+class DayIn(ClosedModel):
     """An entry about a day. closed: all that was eaten is recorded; open: not all."""
 
     model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"status": "closed", "ate_nothing": False}}
+        json_schema_extra={"example": {"status": "closed", "ate_nothing": False}}
     )
 
     status: DayStatus = Field(

@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.exports.models import ExportState
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import NEXT, PAGE
 from app.http.file_formats import Output
 from app.http.row_filter import RowFilter
@@ -21,10 +22,10 @@ Statuses = Annotated[list[Literal[RecordStatus, MealStatus]], Field(max_length=1
 AfterStatuses = Annotated[list[AfterStatus], Field(max_length=10)]
 
 
-class ExportFiltersIn(BaseModel):
+class ExportFiltersIn(ClosedModel):
     """Which rows, as the parameters of the table's JSON pages; days are local, both included."""
 
-    model_config = ConfigDict(extra="forbid", populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
     participant: Annotated[Text, Field(min_length=1, max_length=64)] | None = Field(
         default=None, description="Only this participant's rows."
@@ -72,11 +73,10 @@ class ExportFiltersIn(BaseModel):
         )
 
 
-class ExportIn(BaseModel):
+class ExportIn(ClosedModel):
     """A request for a file."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "rows": "items",

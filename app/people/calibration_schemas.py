@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import PARTICIPANT
 from app.http.text_schemas import JsonNumber, Text
 
@@ -73,12 +74,10 @@ class RigOut(BaseModel):
     t_mm: list[float] = Field(description="Translation of the same, mm.")
 
 
-class CalibrationMetadataIn(BaseModel):
+class CalibrationMetadataIn(ClosedModel):
     """Metadata of the photographs; all fields are optional."""
 
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"marker": "plain:9x7:11"}}
-    )
+    model_config = ConfigDict(json_schema_extra={"example": {"marker": "plain:9x7:11"}})
 
     marker: Text | None = Field(
         default=None,

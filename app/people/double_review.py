@@ -1,14 +1,13 @@
 """The part of a study's protocol that says which items two reviewers decide without seeing each other."""
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from app.http.closed_model import ClosedModel
 from app.http.text_schemas import Number, Text
 
 
-class ReviewStratum(BaseModel):
+class ReviewStratum(ClosedModel):
     """Items of a food group, or of all, and of a least doubt."""
-
-    model_config = ConfigDict(extra="forbid")
 
     food_group: Text | None = Field(
         default=None, max_length=100, description="As in `GET /v1/food-groups`; null: all."
@@ -17,10 +16,8 @@ class ReviewStratum(BaseModel):
     share: Number = Field(ge=0, le=1, description="Share of these items that is drawn.")
 
 
-class DoubleReview(BaseModel):
+class DoubleReview(ClosedModel):
     """Which items two reviewers decide, and from which difference on a third settles them."""
-
-    model_config = ConfigDict(extra="forbid")
 
     seed: int = Field(ge=0, le=2**31 - 1, description="The same seed draws the same items.")
     share: Number = Field(ge=0, le=1, description="Share of the items of no stratum.")

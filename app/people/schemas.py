@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import (
     APP_VERSION,
     LOCALE,
@@ -59,10 +60,8 @@ ReminderTimes = Annotated[
 ]
 
 
-class ProtocolIn(BaseModel):
+class ProtocolIn(ClosedModel):
     """A study's protocol. A PATCH changes only the named fields."""
-
-    model_config = ConfigDict(extra="forbid")
 
     marker: Text | None = Field(
         default=None,
@@ -219,10 +218,8 @@ class StudyList(BaseModel):
     next: str | None = Field(default=None, description=NEXT)
 
 
-class ProfileIn(BaseModel):
+class ProfileIn(ClosedModel):
     """What reference intakes and plausibility depend on; all fields are optional."""
-
-    model_config = ConfigDict(extra="forbid")
 
     sex: Sex | None = Field(
         default=None, description="Sex by which reference intakes are chosen; null: unknown."
@@ -331,10 +328,8 @@ class EnrolmentCodeOut(BaseModel):
     )
 
 
-class EnrolmentIn(BaseModel):
+class EnrolmentIn(ClosedModel):
     """A device exchanges its code for a token."""
-
-    model_config = ConfigDict(extra="forbid")
 
     code: Text = Field(
         min_length=1,

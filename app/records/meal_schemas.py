@@ -7,6 +7,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
 
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import (
     CAPTURED_AT,
     FLAGS,
@@ -40,10 +41,8 @@ from app.vision.photograph.depth_camera import DEFAULT_UNIT_MM
 MAX_HINTS = 20
 
 
-class HintIn(BaseModel):
+class HintIn(ClosedModel):
     """Where a food is in the left photograph, upright pixels, and what it is. One of point, box, polygon, or none."""
-
-    model_config = ConfigDict(extra="forbid")
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
@@ -83,10 +82,8 @@ class HintIn(BaseModel):
         return self
 
 
-class LocationIn(BaseModel):
+class LocationIn(ClosedModel):
     """Where the meal was, WGS84. Kept only if the study keeps locations."""
-
-    model_config = ConfigDict(extra="forbid")
 
     latitude: JsonNumber = Field(ge=-90, le=90, description="Degrees north, WGS84.")
     longitude: JsonNumber = Field(ge=-180, le=180, description="Degrees east, WGS84.")
@@ -97,10 +94,8 @@ class LocationIn(BaseModel):
     )
 
 
-class DepthCameraIn(BaseModel):
+class DepthCameraIn(ClosedModel):
     """Intrinsics of the depth maps: a pinhole in the pose of the photograph, for upright maps."""
-
-    model_config = ConfigDict(extra="forbid")
 
     width: int = Field(gt=0, le=100_000, strict=True, description="Width of the maps, px.")
     height: int = Field(gt=0, le=100_000, strict=True, description="Height of the maps, px.")
@@ -117,19 +112,15 @@ PoseRow = tuple[JsonNumber, JsonNumber, JsonNumber, JsonNumber]
 PoseIn = tuple[PoseRow, PoseRow, PoseRow, PoseRow]
 
 
-class PairPosesIn(BaseModel):
+class PairPosesIn(ClosedModel):
     """4 x 4, row by row, from the camera's axes to the world's, m."""
-
-    model_config = ConfigDict(extra="forbid")
 
     left: PoseIn = Field(description="Of the left photograph.")
     right: PoseIn = Field(description="Of the right photograph.")
 
 
-class PosesIn(BaseModel):
+class PosesIn(ClosedModel):
     """Camera poses that the phone's tracking gave at the moment of each photograph (docs/apps.md)."""
-
-    model_config = ConfigDict(extra="forbid")
 
     convention: Literal["arkit", "arcore", "opencv"] = Field(
         description="The camera's axes. arkit (ARCamera.transform) and arcore (Camera.getPose): x right, y up, "
@@ -143,11 +134,10 @@ class PosesIn(BaseModel):
     )
 
 
-class MealMetadataIn(BaseModel):
+class MealMetadataIn(ClosedModel):
     """What the phone tells beside the photographs."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "captured_at": "2026-11-21T12:30:00+08:00",

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import NEXT, PAGE
 from app.http.text_schemas import Text
 from app.outbox.models import DeliveredEvent, DeliveryState, Event
@@ -20,11 +21,10 @@ Events = Annotated[
 ]
 
 
-class WebhookIn(BaseModel):
+class WebhookIn(ClosedModel):
     """A new webhook."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "url": "https://hooks.example.org/tada",
@@ -37,10 +37,10 @@ class WebhookIn(BaseModel):
     events: Events
 
 
-class WebhookChangeIn(BaseModel):
+class WebhookChangeIn(ClosedModel):
     """A change of a webhook; fields that are left out stay unchanged."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_enabled": True}})
+    model_config = ConfigDict(json_schema_extra={"example": {"is_enabled": True}})
 
     url: Url | None = Field(
         default=None, description="The new address, https and public; null: unchanged."

@@ -6,10 +6,11 @@ import uuid
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from app.core.errors import InvalidInputError
 from app.dashboard.forms import sentence, with_point
+from app.http.closed_model import ClosedModel
 from app.records.review.schemas import AnyEventIn, EventIn
 
 EVENTS: TypeAdapter[AnyEventIn] = TypeAdapter(EventIn)
@@ -45,7 +46,7 @@ _PAIR = re.compile(r"[\s,;]+")
 Short = Annotated[str, Field(max_length=200)]
 
 
-class EventForm(BaseModel):
+class EventForm(ClosedModel):
     """The fields of all these forms; empty ones are left out.
 
     id: made with the form, so that sending it twice makes one event. version: of the meal as it was
@@ -53,8 +54,6 @@ class EventForm(BaseModel):
     later ones. q: text of the food search; a food's key if none was chosen from the list. accepts:
     not empty: store an implausible amount.
     """
-
-    model_config = ConfigDict(extra="forbid")
 
     id: uuid.UUID
     kind: Annotated[str, Field(max_length=32)]

@@ -7,6 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from app.exports.release_models import ReleaseState
 from app.exports.releases.release_filters import ReleaseFilters
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import FILTERS, NEXT, PAGE
 from app.http.text_schemas import LocalDay, Text
 from app.meals.stored.record_models import RecordStatus
@@ -16,11 +17,10 @@ Name = Annotated[
 ]
 
 
-class ReleaseIn(BaseModel):
+class ReleaseIn(ClosedModel):
     """A request for a release."""
 
     model_config = ConfigDict(
-        extra="forbid",
         populate_by_name=True,
         json_schema_extra={
             "example": {"name": "2026-baseline", "note": "For the paper", "to": "2026-10-31"}

@@ -13,6 +13,7 @@ from app.extras.reminders import subscriptions
 from app.extras.reminders.remind_now import RemindedOut, remind_now
 from app.extras.reminders.subscriptions import Reminders, ReminderSettings
 from app.extras.reminders.web_push import VapidKey, bytes_of, is_receiver
+from app.http.closed_model import ClosedModel
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.text_schemas import Text
@@ -86,11 +87,10 @@ class SubscriptionIn(BaseModel):
     )
 
 
-class RemindersIn(BaseModel):
+class RemindersIn(ClosedModel):
     """The times at which this phone asks for reminders, and the subscription to send them to."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "subscription": {
@@ -150,12 +150,10 @@ class RemindersOut(BaseModel):
     quiet_until: str | None = Field(description="HH:MM; null: not subscribed.")
 
 
-class RemindIn(BaseModel):
+class RemindIn(ClosedModel):
     """Participants to remind now."""
 
-    model_config = ConfigDict(
-        extra="forbid", json_schema_extra={"example": {"participants": ["P001"]}}
-    )
+    model_config = ConfigDict(json_schema_extra={"example": {"participants": ["P001"]}})
 
     participants: list[Code] = Field(
         min_length=1, max_length=500, description="Participants' codes."

@@ -3,7 +3,7 @@
 import re
 from typing import Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
 
 from app.children.faults import JobFailure
 from app.core.errors import (
@@ -13,6 +13,7 @@ from app.core.errors import (
     TadaError,
     UnavailableError,
 )
+from app.http.closed_model import ClosedModel
 from app.meals.stored.models import Meal
 from app.messages.catalogue import photograph_codes, sentence
 
@@ -22,7 +23,7 @@ MAX_DIGITS = 9
 _BETWEEN = re.compile(r"[\s;,]+")
 
 
-class Injection(BaseModel):
+class Injection(ClosedModel):
     """An injected answer.
 
     wait: seconds before the answer. lose_request: the connection ends after so many bytes of the request's body, of
@@ -31,7 +32,7 @@ class Injection(BaseModel):
     in a meal's metadata are answered so.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(frozen=True)
 
     status: Literal[429, 503] | None = None
     retry_after: int = Field(default=5, ge=0, le=3600)

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictInt, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import (
     ALIASES,
     DENSITY,
@@ -60,11 +61,7 @@ State = Annotated[
 Basis = Literal["measured", "fao", "portion", "related", "composition", "group"]
 
 
-class _In(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
-
-class FigureIn(_In):
+class FigureIn(ClosedModel):
     """Content of 100 g edible portion; the unit must fit the component's and is converted to it."""
 
     per_100_g: Annotated[Number, Field(strict=True, ge=0.0)] = Field(
@@ -75,7 +72,7 @@ class FigureIn(_In):
     )
 
 
-class RefuseIn(_In):
+class RefuseIn(ClosedModel):
     """A part that is not eaten, percent of the whole food."""
 
     part: Annotated[Text, Field(min_length=1, max_length=100, pattern=NOT_BLANK)] = Field(
@@ -89,7 +86,7 @@ class RefuseIn(_In):
     )
 
 
-class DensityIn(_In):
+class DensityIn(ClosedModel):
     """A density of a food with its source."""
 
     g_per_ml: Density = Field(description=DENSITY)
@@ -111,7 +108,7 @@ class DensityIn(_In):
         return self
 
 
-class PortionIn(_In):
+class PortionIn(ClosedModel):
     """`amount` of `measure` hold mass_g of edible food."""
 
     amount: Grams = Field(description="How many of the measure.")
@@ -121,7 +118,7 @@ class PortionIn(_In):
     mass_g: Grams = Field(description="Grams of edible food that the portion holds.")
 
 
-class IngredientIn(_In):
+class IngredientIn(ClosedModel):
     """Edible grams of a food, in the state in which it goes into the dish.
 
     retention: component -> share that cooking leaves, with its source; none is made up, 1 where not named.
@@ -147,7 +144,7 @@ class IngredientIn(_In):
         return self
 
 
-class RecipeIn(_In):
+class RecipeIn(ClosedModel):
     """What a dish is made of. yield_factor: its mass as eaten / that of its ingredients."""
 
     yield_factor: Annotated[Number, Field(strict=True, ge=0.01, le=50.0)] = Field(
@@ -158,7 +155,7 @@ class RecipeIn(_In):
     )
 
 
-class FoodFieldsIn(_In):
+class FoodFieldsIn(ClosedModel):
     """The fields of a food that can be given. What is not known of its nutrients is left out, never 0."""
 
     name: Name = Field(default="", json_schema_extra=unless_named, description="The food's name.")
@@ -183,7 +180,7 @@ class FoodFieldsIn(_In):
     )
     densities: Annotated[
         list[DensityIn], Field(max_length=100, description="All of them, the best first.")
-    ] = []
+    ] = Field(default=[])
     portions: Annotated[list[PortionIn], Field(max_length=200)] = Field(
         default=[], description="Household measures."
     )
@@ -193,11 +190,11 @@ class FoodFieldsIn(_In):
             max_length=50,
             description="What no camera sees and a participant is asked, such as fat_added.",
         ),
-    ] = []
+    ] = Field(default=[])
     source_ids: Annotated[
         dict[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,31}$")], Name],
         Field(max_length=50, description="Its numbers in published tables, such as sr28_ndb."),
-    ] = {}
+    ] = Field(default={})
     recipe: RecipeIn | None = Field(default=None, description="The figures follow from it.")
 
     @model_validator(mode="after")
@@ -212,7 +209,6 @@ class FoodIn(FoodFieldsIn):
     """A new food."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "key": "quark-low-fat",
@@ -247,7 +243,6 @@ class FoodPatch(FoodFieldsIn):
     """
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "nutrients": {"VITC": {"per_100_g": 4.6, "unit": "mg"}, "CAFFN": None},
@@ -263,18 +258,17 @@ class FoodPatch(FoodFieldsIn):
     reason: Reason
 
 
-class SpecimenIn(_In):
+class SpecimenIn(ClosedModel):
     """One specimen: its volume and what it weighs."""
 
     volume_ml: Grams = Field(description="The specimen's volume.")
     mass_g: Grams = Field(description="The specimen's mass.")
 
 
-class MeasuredDensityIn(_In):
+class MeasuredDensityIn(ClosedModel):
     """A measured density: either g_per_ml and sd_g_per_ml, or the specimens, of which median and spread are taken."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "specimens": [{"volume_ml": 200, "mass_g": 168}, {"volume_ml": 250, "mass_g": 204}],
@@ -374,13 +368,13 @@ class StudyDensityList(BaseModel):
     )
 
 
-class WithdrawalIn(_In):
+class WithdrawalIn(ClosedModel):
     """Why a measurement is taken out of use."""
 
     reason: Reason
 
 
-class RestoreIn(_In):
+class RestoreIn(ClosedModel):
     """Which version a food is put back to; it becomes a new version."""
 
     version: Annotated[StrictInt, Field(ge=1, le=1_000_000)] = Field(

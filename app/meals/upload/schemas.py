@@ -10,6 +10,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.http.closed_model import ClosedModel
 from app.http.text_schemas import Instant, Text
 from app.people.calibration_schemas import CameraIn
 from app.people.models import Locale
@@ -20,7 +21,7 @@ from app.records.review.schemas import AmountIn, FoodKey, Share
 class AfterHintIn(HintIn):
     """Where something was left in the photograph after_left, upright pixels, and what it is, as far as it is known."""
 
-    model_config = ConfigDict(extra="forbid", validate_by_name=True)
+    model_config = ConfigDict(validate_by_name=True)
 
     item: uuid.UUID | None = Field(
         default=None, description="The item of the meal that it was left of."
@@ -30,11 +31,10 @@ class AfterHintIn(HintIn):
     )
 
 
-class AfterMetadataIn(BaseModel):
+class AfterMetadataIn(ClosedModel):
     """Told before the second photograph of the pair, or not at all."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "captured_at": "2026-11-21T12:55:00+08:00",
@@ -69,10 +69,8 @@ class AfterMetadataIn(BaseModel):
     )
 
 
-class DeclaredItemIn(BaseModel):
+class DeclaredItemIn(ClosedModel):
     """A food and how much of it; without an amount the meal needs review."""
-
-    model_config = ConfigDict(extra="forbid")
 
     food: FoodKey
     amount: AmountIn | None = Field(
@@ -88,10 +86,8 @@ class DeclaredItemIn(BaseModel):
     )
 
 
-class FavouriteIn(BaseModel):
+class FavouriteIn(ClosedModel):
     """Foods and amounts under a name, to be entered again."""
-
-    model_config = ConfigDict(extra="forbid")
 
     name: Text = Field(min_length=1, max_length=100, description="The participant's name for it.")
     items: list[DeclaredItemIn] = Field(
@@ -101,19 +97,16 @@ class FavouriteIn(BaseModel):
     )
 
 
-class FavouriteList(BaseModel):
+class FavouriteList(ClosedModel):
     """A participant's favourites, in their own order."""
-
-    model_config = ConfigDict(extra="forbid")
 
     items: list[FavouriteIn] = Field(max_length=100, description="The favourites.")
 
 
-class DeclaredMealIn(BaseModel):
+class DeclaredMealIn(ClosedModel):
     """An occasion without photographs."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {
                 "id": "5a8b8a0e-54a5-4c5c-9a1e-6c3c1d7a2f10",
@@ -145,10 +138,10 @@ class DeclaredMealIn(BaseModel):
     )
 
 
-class CheckMetadataIn(BaseModel):
+class CheckMetadataIn(ClosedModel):
     """The metadata of a check; every field is optional."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"locale": "es"}})
+    model_config = ConfigDict(json_schema_extra={"example": {"locale": "es"}})
 
     marker: Text | None = Field(
         default=None,

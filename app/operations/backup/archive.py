@@ -17,10 +17,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import IO
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict
+from pydantic import AwareDatetime, ConfigDict
 
 from app.core.errors import InvalidInputError
 from app.db.schema_state import revisions
+from app.http.closed_model import ClosedModel
 from app.people.access.secret_box import KEY_FILE, SecretBox, SecretKeyError
 
 FORMAT = 3
@@ -34,7 +35,7 @@ MAX_DAMAGED_LISTED = 1000  # damaged blobs named in results; lacking.jsonl has a
 ReportProgress = Callable[[str], None]  # receives readable progress
 
 
-class Manifest(BaseModel):
+class Manifest(ClosedModel):
     """What a backup is of.
 
     backup: its id
@@ -42,7 +43,7 @@ class Manifest(BaseModel):
     database: "sqlite" or "postgresql"
     """
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, strict=True)
 
     format: int
     backup: str

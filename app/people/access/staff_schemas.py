@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import NEXT, PAGE, STAFF_NAME
 from app.http.text_schemas import Text
 from app.people.access.passwords import MAX_LENGTH, MIN_LENGTH
@@ -20,10 +21,8 @@ NewPassword = Annotated[
 Password = Annotated[SecretStr, Field(max_length=1000)]
 
 
-class SessionIn(BaseModel):
+class SessionIn(ClosedModel):
     """Name, password and, for those who have turned it on, a code of their app."""
-
-    model_config = ConfigDict(extra="forbid")
 
     name: StaffName = Field(description=STAFF_NAME)
     password: Password = Field(description="The staff member's password.")
@@ -53,19 +52,17 @@ class SessionOut(BaseModel):
     expires_at: datetime = Field(description="When the session or token ends at the latest.")
 
 
-class PasswordChangeIn(BaseModel):
+class PasswordChangeIn(ClosedModel):
     """The current and the new password."""
-
-    model_config = ConfigDict(extra="forbid")
 
     current_password: Password = Field(description="The current password.")
     new_password: NewPassword
 
 
-class StaffIn(BaseModel):
+class StaffIn(ClosedModel):
     """A new staff member, who cannot sign in without a password."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"name": "m.keller"}})
+    model_config = ConfigDict(json_schema_extra={"example": {"name": "m.keller"}})
 
     name: StaffName = Field(description=STAFF_NAME)
     is_admin: bool = Field(
@@ -77,10 +74,10 @@ class StaffIn(BaseModel):
     )
 
 
-class StaffPatch(BaseModel):
+class StaffPatch(ClosedModel):
     """A change of a staff member; null leaves a field unchanged. Disabling ends sessions and tokens permanently."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"is_disabled": True}})
+    model_config = ConfigDict(json_schema_extra={"example": {"is_disabled": True}})
 
     is_admin: bool | None = Field(
         default=None, description="Whether they may do everything in every study; null: unchanged."
@@ -133,10 +130,10 @@ class StaffList(BaseModel):
     next: str | None = Field(description=NEXT)
 
 
-class MemberIn(BaseModel):
+class MemberIn(ClosedModel):
     """A role in a study; each role includes the rights of the one before it."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"role": "reviewer"}})
+    model_config = ConfigDict(json_schema_extra={"example": {"role": "reviewer"}})
 
     role: Role = Field(
         description="viewer reads; reviewer also reviews meals; owner also manages the study."
@@ -161,11 +158,10 @@ class MemberList(BaseModel):
     next: str | None = Field(description=NEXT)
 
 
-class TokenIn(BaseModel):
+class TokenIn(ClosedModel):
     """A new personal token."""
 
     model_config = ConfigDict(
-        extra="forbid",
         json_schema_extra={
             "example": {"name": "nightly export", "scope": "read", "study": "pilot"}
         },

@@ -3,8 +3,9 @@
 import uuid
 from datetime import date, datetime
 
-from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, model_validator
+from pydantic import Base64Bytes, BaseModel, Field, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import LOCAL_DATE, MEAL_ID, PARTICIPANT
 from app.records.review.schemas import FoodKey, Grams
 from app.records.schemas import Polygon
@@ -13,10 +14,8 @@ AS_SERVED = "Grams as served, with peel, core and bone; null: it is no food."
 ITEM = "The item's id."
 
 
-class DecisionIn(BaseModel):
+class DecisionIn(ClosedModel):
     """A food and its grams; without both the item is no food, or nobody ate of it."""
-
-    model_config = ConfigDict(extra="forbid")
 
     item: uuid.UUID
     food: FoodKey | None = None
@@ -51,10 +50,8 @@ class DecisionList(BaseModel):
     items: list[DecisionOut] = Field(description="Two decisions of an item, or three.")
 
 
-class KnownItemIn(BaseModel):
+class KnownItemIn(ClosedModel):
     """An item with a known answer, of no participant."""
-
-    model_config = ConfigDict(extra="forbid")
 
     food: FoodKey
     mass_g: Grams = Field(description="True grams as served.")

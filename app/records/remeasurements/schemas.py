@@ -9,6 +9,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, NEXT, PAGE, PARTICIPANT
 from app.meals.stored.job_models import PairPurpose, PairState, RemeasurementState
 
@@ -32,10 +33,10 @@ class Selection:
         return hashlib.sha256(named.encode()).hexdigest()
 
 
-class RemeasurementIn(BaseModel):
+class RemeasurementIn(ClosedModel):
     """The meals to measure again; an empty object selects the whole study."""
 
-    model_config = ConfigDict(extra="forbid", json_schema_extra={"example": {"limit": 50}})
+    model_config = ConfigDict(json_schema_extra={"example": {"limit": 50}})
 
     meals: Annotated[list[uuid.UUID], Field(max_length=MOST_MEALS)] = Field(
         default=[], description=MEALS

@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import EVENT_KIND, PAGE
 from app.http.text_schemas import Number, Text
 from app.meals.stored.event_models import EventKind, Layer
@@ -38,10 +39,8 @@ Side = Annotated[Number, Field(ge=2, le=1000)]
 Share = Annotated[Number, Field(ge=0.001, le=1)]
 
 
-class AmountIn(BaseModel):
+class AmountIn(ClosedModel):
     """How much: one of grams, millilitres, or a household measure of the food and how many of it."""
-
-    model_config = ConfigDict(extra="forbid")
 
     mass_g: Grams | None = Field(
         default=None, description="Grams; instead of volume_ml or portion."
@@ -75,10 +74,8 @@ class AmountIn(BaseModel):
         return self
 
 
-class RegionIn(BaseModel):
+class RegionIn(ClosedModel):
     """Where a food is in the left photograph, upright pixels: one of point, box and polygon."""
-
-    model_config = ConfigDict(extra="forbid")
 
     point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
     box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
@@ -98,9 +95,7 @@ class RegionIn(BaseModel):
         return self
 
 
-class _Event(BaseModel):
-    model_config = ConfigDict(extra="forbid")
-
+class _Event(ClosedModel):
     id: uuid.UUID = Field(
         description="Made by the client, once an event; the same again is the same event."
     )
@@ -198,10 +193,8 @@ class RedrawIn(_OfItem):
     )
 
 
-class HandFormIn(BaseModel):
+class HandFormIn(ClosedModel):
     """A form in the table's frame of the meal's run (`scene.json`): mm, z up; angles in degrees."""
-
-    model_config = ConfigDict(extra="forbid")
 
     section: HandSection = Field(
         description="`slab`: upright sides over a rectangle; `prism`: upright sides over an ellipse; `ellipsoid`."
@@ -283,10 +276,8 @@ class AddIn(_Event):
         return self
 
 
-class PartIn(BaseModel):
+class PartIn(ClosedModel):
     """One part of a split item: its share of the amount, its outline (then it is measured), its food if another."""
-
-    model_config = ConfigDict(extra="forbid")
 
     share: Annotated[Number, Field(ge=0.001, lt=1)] | None = Field(
         default=None,
@@ -346,7 +337,7 @@ class MergeIn(_Event):
 class SetLeftoverIn(_OfItem):
     """A piece of the after-meal pair (`item`: its id) is food left of an item, refuse of it, or of none of them."""
 
-    model_config = ConfigDict(extra="forbid", serialize_by_alias=True)
+    model_config = ConfigDict(serialize_by_alias=True)
 
     kind: Literal["set_leftover"] = Field(description=EVENT_KIND)
     of: uuid.UUID | None = Field(
