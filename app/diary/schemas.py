@@ -12,13 +12,12 @@ from app.http.field_descriptions import (
     CAPTURED_AT,
     DAY,
     MEAL_ID,
-    NEXT,
     NUMBER,
-    PAGE,
     PARTICIPANT,
     STUDY_DAY,
     with_numbers,
 )
+from app.http.page_of import PageOf
 from app.meals.stored.event_models import DayStatus
 from app.nutrition.intakes.compare_intake import Kind
 from app.nutrition.intakes.compare_intake import Verdict as Comparison
@@ -151,11 +150,8 @@ class DaySummaryOut(DaySums):
     )
 
 
-class DaySummaryPage(BaseModel):
+class DaySummaryPage(PageOf[DaySummaryOut]):
     """A page of days by date and participant; `next` is the address of the next page, null on the last one."""
-
-    items: list[DaySummaryOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class MeanAmountOut(BaseModel):
@@ -197,11 +193,8 @@ class IntakeOut(BaseModel):
     )
 
 
-class IntakePage(BaseModel):
+class IntakePage(PageOf[IntakeOut]):
     """A page of participants by code; `next` is the address of the next page, null on the last one."""
-
-    items: list[IntakeOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class VariancesOut(BaseModel):

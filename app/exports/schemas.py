@@ -9,8 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.exports.models import ExportState
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import NEXT, PAGE
 from app.http.file_formats import Output
+from app.http.page_of import PageOf
 from app.http.row_filter import RowFilter
 from app.http.text_schemas import LocalDay, Text
 from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
@@ -159,8 +159,5 @@ class ExportOut(BaseModel):
     )
 
 
-class ExportList(BaseModel):
+class ExportList(PageOf[ExportOut]):
     """Exports of a study, the newest first; `next` leads to the page after it, null at the end."""
-
-    items: list[ExportOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)

@@ -17,6 +17,7 @@ from app.http.field_descriptions import (
     SANDBOX,
     STUDY,
 )
+from app.http.page_of import PageOf
 from app.http.text_schemas import LocalDay, Number, Text, unless_named
 from app.nutrition.intakes.energy_requirement import (
     HEIGHT_LIMITS_M,
@@ -309,11 +310,8 @@ class ParticipantOut(ParticipantRow):
     profile: ProfileIn = Field(description="The person's profile.")
 
 
-class ParticipantList(BaseModel):
+class ParticipantList(PageOf[ParticipantRow]):
     """A page of participants."""
-
-    items: list[ParticipantRow] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class EnrolmentCodeOut(BaseModel):
@@ -392,11 +390,8 @@ class DeviceOut(PhoneOut):
     participant: str = Field(description=PARTICIPANT)
 
 
-class DeviceList(BaseModel):
+class DeviceList(PageOf[DeviceOut]):
     """A page of phones, the last enrolled first."""
-
-    items: list[DeviceOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class PhoneProtocol(BaseModel):

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 from pydantic.config import JsonDict
 
-from app.http.field_descriptions import NEXT, PAGE
+from app.http.page_of import PageOf
 from app.http.text_schemas import Number, Text
 from app.vision.vessel_library import (
     CAPACITY_ML,
@@ -97,11 +97,8 @@ class VesselOut(PhoneVesselOut):
     changed_at: datetime = Field(description="When this version was made.")
 
 
-class VesselList(BaseModel):
+class VesselList(PageOf[VesselOut]):
     """A page of a study's vessels by name."""
-
-    items: list[VesselOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class PhoneVesselList(BaseModel):

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import NEXT, PAGE
+from app.http.page_of import PageOf
 from app.http.text_schemas import Text
 from app.outbox.models import DeliveredEvent, DeliveryState, Event
 
@@ -114,8 +114,5 @@ class DeliveryOut(BaseModel):
     delivered_at: datetime | None = Field(description="When it was accepted; null: it was not.")
 
 
-class DeliveryPage(BaseModel):
+class DeliveryPage(PageOf[DeliveryOut]):
     """A page of deliveries, the newest first; `next` is the address of the next page, or null."""
-
-    items: list[DeliveryOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)

@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from app.exports.release_models import ReleaseState
 from app.exports.releases.release_filters import ReleaseFilters
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import FILTERS, NEXT, PAGE
+from app.http.field_descriptions import FILTERS
+from app.http.page_of import PageOf
 from app.http.text_schemas import LocalDay, Text
 from app.meals.stored.record_models import RecordStatus
 
@@ -92,11 +93,8 @@ class ReleaseOut(BaseModel):
     files: list[ReleaseFileOut] = Field(description="Its files; empty if it is not ready.")
 
 
-class ReleaseList(BaseModel):
+class ReleaseList(PageOf[ReleaseOut]):
     """Releases of a study, the newest first; `next` leads to the page after it, null at the end."""
-
-    items: list[ReleaseOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class CheckedFileOut(BaseModel):

@@ -15,10 +15,10 @@ from fastapi.responses import Response, StreamingResponse
 from pydantic import BaseModel, Field
 
 from app.db.session import Database
-from app.http.field_descriptions import NEXT, PAGE
 from app.http.file_formats import FORMATS, attachment
 from app.http.flat_list import FILES, FlatFormat, encode_flat, flat_paths, negotiated_format
 from app.http.model_response import ModelResponse
+from app.http.page_of import PageOf
 from app.http.paging import (
     WHOLE_NUMBER,
     Limit,
@@ -63,11 +63,8 @@ class AuditEventOut(BaseModel):
     )
 
 
-class AuditPage(BaseModel):
+class AuditPage(PageOf[AuditEventOut]):
     """A page of events in order; `next` is the address of the next page, or null."""
-
-    items: list[AuditEventOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 STREAM_PAGE = 1000

@@ -7,7 +7,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, SecretStr
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import NEXT, PAGE, STAFF_NAME
+from app.http.field_descriptions import STAFF_NAME
+from app.http.page_of import PageOf
 from app.http.text_schemas import Text
 from app.people.access.passwords import MAX_LENGTH, MIN_LENGTH
 from app.people.models import Role, Scope
@@ -123,11 +124,8 @@ class StaffChangedOut(StaffOut):
     ended: EndedAccessOut = Field(description="Sessions and tokens that the change ended.")
 
 
-class StaffList(BaseModel):
+class StaffList(PageOf[StaffOut]):
     """A page of staff by name."""
-
-    items: list[StaffOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class MemberIn(ClosedModel):
@@ -151,11 +149,8 @@ class MemberOut(BaseModel):
     since: datetime = Field(description="When they became a member.")
 
 
-class MemberList(BaseModel):
+class MemberList(PageOf[MemberOut]):
     """A page of a study's members by name."""
-
-    items: list[MemberOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class TokenIn(ClosedModel):

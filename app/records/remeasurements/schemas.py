@@ -10,7 +10,8 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, NEXT, PAGE, PARTICIPANT
+from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, PARTICIPANT
+from app.http.page_of import PageOf
 from app.meals.stored.job_models import PairPurpose, PairState, RemeasurementState
 
 MOST_MEALS = 1000  # named one by one
@@ -75,11 +76,8 @@ class RemeasurementOut(BaseModel):
     )
 
 
-class RemeasurementList(BaseModel):
+class RemeasurementList(PageOf[RemeasurementOut]):
     """Remeasurements of a study, the newest first."""
-
-    items: list[RemeasurementOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
 
 
 class RemeasurementPlanOut(BaseModel):
@@ -126,8 +124,5 @@ class ComparedItemOut(BaseModel):
     )
 
 
-class ComparedItemList(BaseModel):
+class ComparedItemList(PageOf[ComparedItemOut]):
     """The table of old and new volumes, in the order in which the meals were eaten."""
-
-    items: list[ComparedItemOut] = Field(description=PAGE)
-    next: str | None = Field(description=NEXT)
