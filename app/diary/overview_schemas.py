@@ -1,13 +1,19 @@
 """HTTP schemas of a study's overview; each list is also a CSV table with the same rows."""
 
 import uuid
-from datetime import date, datetime
+from datetime import date
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, Field
 
 from app.diary.schemas import UNMEASURED_MEALS
-from app.http.field_descriptions import CAPTURED_AT, LOCAL_DATE, MEAL_ID, PARTICIPANT, STUDY
+from app.http.field_descriptions import (
+    MEAL_ID,
+    STUDY,
+    CapturedAt,
+    LocalDate,
+    ParticipantCode,
+)
 from app.meals.stored.models import MealStatus
 
 CountedStatus = Literal[MealStatus, "needs_look", "after_awaited", "after_failed"]
@@ -151,7 +157,7 @@ class OverviewNutrientOut(BaseModel):
 class PersonDayOut(BaseModel):
     """A participant's day that was expected, or has a meal or a diary entry."""
 
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     local_date: date = Field(description="The participant's local day.")
     expected: bool = Field(
         description="Whether the day lies between their first day and the day on which they left."
@@ -164,9 +170,9 @@ class PlaceOut(BaseModel):
     """Where a meal was eaten, WGS84, rounded to three decimals of a degree."""
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
-    participant: str = Field(description=PARTICIPANT)
-    captured_at: datetime = Field(description=CAPTURED_AT)
-    local_date: date = Field(description=LOCAL_DATE)
+    participant: ParticipantCode
+    captured_at: CapturedAt
+    local_date: LocalDate
     latitude: float = Field(description="Degrees north, WGS84.")
     longitude: float = Field(description="Degrees east, WGS84.")
 

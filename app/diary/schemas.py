@@ -9,12 +9,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from app.http.closed_model import ClosedModel
 from app.http.columns.day_columns import SUMS
 from app.http.field_descriptions import (
-    CAPTURED_AT,
     DAY,
     MEAL_ID,
     NUMBER,
-    PARTICIPANT,
     STUDY_DAY,
+    CapturedAt,
+    ParticipantCode,
     with_numbers,
 )
 from app.http.page_of import PageOf
@@ -167,7 +167,7 @@ class MeanAmountOut(BaseModel):
 class IntakeOut(BaseModel):
     """A participant's mean daily intake over closed days; days on which nothing was eaten count as 0."""
 
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     closed_days: int = Field(description="Closed days, over which the means are taken.")
     open_days: int = Field(
         description="Days with a meal or a diary entry that are not closed: left out."
@@ -282,7 +282,7 @@ class EatenMealOut(BaseModel):
     """One meal of the day."""
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
-    captured_at: datetime = Field(description=CAPTURED_AT)
+    captured_at: CapturedAt
     items: int = Field(description="Items of the meal that count (not rejected).")
     unmeasured_items: int = Field(
         description="Items whose eaten grams are unknown: missing from the amounts."

@@ -1,7 +1,8 @@
-"""Descriptions of fields that many answers share; those of tables come from the data dictionary's columns."""
+"""Descriptions and types of fields that many answers share; those of tables come from the data dictionary's columns."""
 
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from datetime import date, datetime
+from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, Field, create_model
 
@@ -87,3 +88,8 @@ FOOD_FORM = (
 FOOD_GROUP = "The food group's name (GET /v1/food-groups)."
 IS_MIXED_DISH = "Whether it is a dish of several foods."
 ALIASES = "Other names that the search also matches."
+
+ParticipantCode = Annotated[str, Field(description=PARTICIPANT)]
+CapturedAt = Annotated[datetime, Field(description=CAPTURED_AT)]
+LocalDate = Annotated[date, Field(description=LOCAL_DATE)]
+Interval = Annotated[tuple[float, float] | None, Field(description="90 % interval.")]

@@ -16,6 +16,7 @@ from app.http.field_descriptions import (
     PHONE_MODEL,
     SANDBOX,
     STUDY,
+    ParticipantCode,
 )
 from app.http.page_of import PageOf
 from app.http.text_schemas import LocalDay, Number, Text, unless_named
@@ -361,7 +362,7 @@ class EnrolmentOut(BaseModel):
     )
     device_id: uuid.UUID = Field(description="The phone's id.")
     study: str = Field(description=STUDY)
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     marker: str | None = Field(
         description="The board that the study gives out, such as plain:9x7:11; null: none."
     )
@@ -387,7 +388,7 @@ class PhoneOut(BaseModel):
 class DeviceOut(PhoneOut):
     """A phone and its participant."""
 
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
 
 
 class DeviceList(PageOf[DeviceOut]):
@@ -425,7 +426,7 @@ class PhoneProtocol(BaseModel):
 class MeOut(BaseModel):
     """The phone, its participant and study."""
 
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     starts_on: date | None = Field(
         description="Local day that is day 1; null: that of the first meal."
     )

@@ -1,7 +1,7 @@
 """A meal over the wire."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validator
@@ -9,16 +9,17 @@ from pydantic import BaseModel, ConfigDict, Field, computed_field, model_validat
 from app.foods.schemas import FoodRef, NutrientAmount, NutrientTotal
 from app.http.closed_model import ClosedModel
 from app.http.field_descriptions import (
-    CAPTURED_AT,
     FLAGS,
     FOOD,
-    LOCAL_DATE,
     MEAL_ID,
     MEAL_VERSION,
-    PARTICIPANT,
     RECEIVED_AT,
     STUDY,
     TIME_ZONE,
+    CapturedAt,
+    Interval,
+    LocalDate,
+    ParticipantCode,
 )
 from app.http.text_schemas import Instant, JsonNumber, Text
 from app.meals.stored.models import DEFAULT_VIEWS, AfterStatus, MealStatus
@@ -380,7 +381,7 @@ class ItemOut(BaseModel):
     volume_ml: float | None = Field(
         description="Null where it could not be measured: flag `not_measurable`."
     )
-    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    volume_interval_ml: Interval
     density_g_per_ml: float | None = Field(
         description="Turned the volume into grams; null where a person set the grams."
     )
@@ -394,7 +395,7 @@ class ItemOut(BaseModel):
         description="Who measured or published the density; null: none was used."
     )
     mass_g: float | None = Field(description="As seen, with peel, core and bone.")
-    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    mass_interval_g: Interval
     edible_share: float | None = Field(description="Edible mass / mass as seen.")
     edible_g: float | None = Field(description="As served, without peel, core and bone.")
     share: float = Field(description="The participant's share of a dish that is shared.")
@@ -402,7 +403,7 @@ class ItemOut(BaseModel):
     consumed_g: float | None = Field(
         description="(edible - left) x share; signed: below 0 is doubt, not food."
     )
-    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    consumed_interval_g: Interval
     provisional: bool = Field(description="An after-meal pair may still come.")
     reviewed: bool = Field(description="A reviewer has had the last word, and the amount is known.")
     parent: uuid.UUID | None = Field(
@@ -419,7 +420,7 @@ class TotalsOut(BaseModel):
     """The meal's items together; doubt that they share (the pair's, a food's density) is not averaged away."""
 
     consumed_g: float | None = Field(description="The sum of the items' consumed_g.")
-    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    consumed_interval_g: Interval
     unmeasured_items: int = Field(
         description="Items whose mass is not known; above 0, the totals are incomplete."
     )
@@ -446,9 +447,9 @@ class LeftoverOut(BaseModel):
     )
     food: FoodRef | None = Field(description="The item's.")
     volume_ml: float | None = Field(description="Null where it could not be measured.")
-    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    volume_interval_ml: Interval
     mass_g: float | None = Field(description="As seen, by the density of the item's food.")
-    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    mass_interval_g: Interval
     flags: list[str] = Field(description=FLAGS)
 
 
@@ -484,16 +485,16 @@ class MealOut(BaseModel):
 
     id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     status: MealStatus = Field(
         description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
     )
     stage: str | None = Field(
         description="The pipeline's step while processing; `waits_for_room` between two tries."
     )
-    captured_at: datetime = Field(description=CAPTURED_AT)
+    captured_at: CapturedAt
     time_zone: str = Field(description=TIME_ZONE)
-    local_date: date = Field(description=LOCAL_DATE)
+    local_date: LocalDate
     received_at: datetime = Field(description=RECEIVED_AT)
     version: int = Field(description=MEAL_VERSION)
     flags: list[str] = Field(description="Causes of doubt about the whole meal: `clock_doubtful`.")

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import BaseModel, Field
 
-from app.http.field_descriptions import CHANGE_SEQ, PARTICIPANT
+from app.http.field_descriptions import CHANGE_SEQ, ParticipantCode
 from app.meals.stored.event_models import DayStatus
 from app.records.schemas import RecordOfItem
 
@@ -15,7 +15,7 @@ class ChangedDayOut(BaseModel):
     """The state of a participant's day."""
 
     id: uuid.UUID = Field(description="The day's id; a row that changes again has the same id.")
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     local_date: date = Field(description="The participant's local day.")
     status: DayStatus = Field(
         description="closed: everything eaten on the day is recorded. open: not yet."

@@ -1,20 +1,20 @@
 """Schemas of lists of meals."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 
 from pydantic import BaseModel, Field
 
 from app.foods.schemas import FoodRef
 from app.http.field_descriptions import (
-    CAPTURED_AT,
-    LOCAL_DATE,
     MEAL_VERSION,
     PAGE,
-    PARTICIPANT,
     RECEIVED_AT,
     STUDY,
     TIME_ZONE,
+    CapturedAt,
+    LocalDate,
+    ParticipantCode,
 )
 from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
 
@@ -33,7 +33,7 @@ class MealListItem(BaseModel):
 
     id: uuid.UUID = Field(description="The id that the phone made.")
     study: str = Field(description=STUDY)
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     status: MealStatus = Field(
         description="receiving, queued, processing, estimated, needs_review, failed or confirmed"
     )
@@ -43,9 +43,9 @@ class MealListItem(BaseModel):
     failure_code: str | None = Field(
         description="Why it could not be measured (docs/errors.md); null: it has not failed."
     )
-    captured_at: datetime = Field(description=CAPTURED_AT)
+    captured_at: CapturedAt
     time_zone: str = Field(description=TIME_ZONE)
-    local_date: date = Field(description=LOCAL_DATE)
+    local_date: LocalDate
     received_at: datetime = Field(description=RECEIVED_AT)
     upload_delay_seconds: float = Field(
         description="From eating to the arrival of the meal's first part."

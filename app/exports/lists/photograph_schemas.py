@@ -1,18 +1,18 @@
 """Schemas of the image manifest."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 
 from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import (
-    CAPTURED_AT,
-    LOCAL_DATE,
     MEAL_ID,
     PAGE,
-    PARTICIPANT,
     PHOTOGRAPH,
     STUDY,
+    CapturedAt,
+    LocalDate,
+    ParticipantCode,
 )
 from app.photos.slots import ImageSlot
 
@@ -22,9 +22,9 @@ class PhotographOut(BaseModel):
 
     meal_id: uuid.UUID = Field(description=MEAL_ID)
     study: str = Field(description=STUDY)
-    participant: str = Field(description=PARTICIPANT)
-    captured_at: datetime = Field(description=CAPTURED_AT)
-    local_date: date = Field(description=LOCAL_DATE)
+    participant: ParticipantCode
+    captured_at: CapturedAt
+    local_date: LocalDate
     slot: ImageSlot = Field(description=PHOTOGRAPH["slot"])
     media_type: str = Field(description=PHOTOGRAPH["media_type"])
     width_px: int = Field(description=PHOTOGRAPH["width_px"])

@@ -1,12 +1,12 @@
 """Double review over the wire: decisions, and items with a known answer."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 
 from pydantic import Base64Bytes, BaseModel, Field, model_validator
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import LOCAL_DATE, MEAL_ID, PARTICIPANT
+from app.http.field_descriptions import MEAL_ID, LocalDate, ParticipantCode
 from app.records.review.schemas import FoodKey, Grams
 from app.records.schemas import Polygon
 
@@ -33,8 +33,8 @@ class DecisionOut(BaseModel):
 
     item: uuid.UUID = Field(description=ITEM)
     meal: uuid.UUID = Field(description=MEAL_ID)
-    participant: str = Field(description=PARTICIPANT)
-    local_date: date = Field(description=LOCAL_DATE)
+    participant: ParticipantCode
+    local_date: LocalDate
     reviewer: str = Field(description="The reviewer's name.")
     is_final: bool = Field(description="Whether it is a third reviewer's, who saw the two.")
     food_key: str | None = Field(description="The food's key; null: it is no food.")

@@ -10,7 +10,11 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import CAPTURED_AT, MEAL_ID, PARTICIPANT
+from app.http.field_descriptions import (
+    MEAL_ID,
+    CapturedAt,
+    ParticipantCode,
+)
 from app.http.page_of import PageOf
 from app.meals.stored.job_models import PairPurpose, PairState, RemeasurementState
 
@@ -93,9 +97,9 @@ class RemeasurementPlanOut(BaseModel):
 class ComparedItemOut(BaseModel):
     """A pair, and one of its items if it was measured: the pipeline's volumes and the record's grams, old and new."""
 
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     meal_id: uuid.UUID = Field(description=MEAL_ID)
-    captured_at: datetime = Field(description=CAPTURED_AT)
+    captured_at: CapturedAt
     pair: PairPurpose = Field(
         description="meal: its own photographs; after: those of what was left."
     )

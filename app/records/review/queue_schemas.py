@@ -1,19 +1,20 @@
 """The reviewers' queue and the participant's open questions over the wire."""
 
 import uuid
-from datetime import date, datetime
+from datetime import datetime
 
 from pydantic import BaseModel, Field
 
 from app.foods.schemas import FoodRef
 from app.http.field_descriptions import (
-    CAPTURED_AT,
     FLAGS,
     FOOD,
-    LOCAL_DATE,
     MEAL_ID,
     PAGE,
-    PARTICIPANT,
+    CapturedAt,
+    Interval,
+    LocalDate,
+    ParticipantCode,
 )
 from app.meals.stored.record_models import ItemOrigin, RecordStatus
 from app.records.meal_schemas import CandidateOut
@@ -24,7 +25,7 @@ class QueuedItemOut(BaseModel):
 
     item: uuid.UUID = Field(description="The item's id.")
     meal: uuid.UUID = Field(description=MEAL_ID)
-    participant: str = Field(description=PARTICIPANT)
+    participant: ParticipantCode
     doubt: float = Field(
         description="0 to 1; 1 where food or amount are not known (docs/review.md)."
     )
@@ -39,11 +40,11 @@ class QueuedItemOut(BaseModel):
         description="Probability that it is none of the index's candidates; null: the index was not asked."
     )
     volume_ml: float | None = Field(description="Volume as served; null: not measured.")
-    volume_interval_ml: tuple[float, float] | None = Field(description="90 % interval.")
+    volume_interval_ml: Interval
     mass_g: float | None = Field(
         description="Grams as served, with peel, core and bone; null: not known."
     )
-    mass_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    mass_interval_g: Interval
     share: float = Field(
         description="The participant's share of a dish that is shared, 0 to 1; 1: all of it."
     )
@@ -51,11 +52,11 @@ class QueuedItemOut(BaseModel):
     consumed_g: float | None = Field(
         description="Edible grams eaten: (edible - left) x share; null: not known."
     )
-    consumed_interval_g: tuple[float, float] | None = Field(description="90 % interval.")
+    consumed_interval_g: Interval
     energy_kcal: float | None = Field(description="Energy of what was eaten; null: not known.")
     flags: list[str] = Field(description=FLAGS)
-    captured_at: datetime = Field(description=CAPTURED_AT)
-    local_date: date = Field(description=LOCAL_DATE)
+    captured_at: CapturedAt
+    local_date: LocalDate
     etag: str = Field(description="The meal's, for `If-Match` of the event.")
     meal_href: str = Field(description="Path of the meal.")
     photograph_href: str | None = Field(
@@ -80,8 +81,8 @@ class QuestionOut(BaseModel):
     )
     text: str = Field(description="The question, as the reviewer wrote it.")
     asked_at: datetime = Field(description="When it was asked.")
-    captured_at: datetime = Field(description=CAPTURED_AT)
-    local_date: date = Field(description=LOCAL_DATE)
+    captured_at: CapturedAt
+    local_date: LocalDate
     etag: str = Field(description="The meal's, for `If-Match` of the answer.")
 
 
