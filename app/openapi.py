@@ -43,49 +43,38 @@ COUNTED_AT_401 = frozenset(
     {"post_password"}
 )  # the caller is known, the password in the body is wrong
 
+
+def _text(description: str) -> dict[str, Any]:
+    return {"description": description, "schema": {"type": "string"}}
+
+
+def _whole_number(description: str, minimum: int) -> dict[str, Any]:
+    return {"description": description, "schema": {"type": "integer", "minimum": minimum}}
+
+
 HEADERS: dict[str, dict[str, Any]] = {
-    "Retry-After": {
-        "description": "Seconds after which the same request may succeed.",
-        "schema": {"type": "integer", "minimum": 0},
-    },
-    "WWW-Authenticate": {"description": "`Bearer`.", "schema": {"type": "string"}},
-    "Location": {"description": "Where what was made is.", "schema": {"type": "string"}},
-    "ETag": {
-        "description": "The state that was answered: for `If-Match` of a change, or `If-None-Match` of the next look.",
-        "schema": {"type": "string"},
-    },
-    "Content-Disposition": {
-        "description": "The name to save a file under: `attachment; filename=...`. Pages of JSON are without it.",
-        "schema": {"type": "string"},
-    },
-    "Accept-Ranges": {
-        "description": "`bytes`: parts of the file can be asked for.",
-        "schema": {"type": "string"},
-    },
-    "Content-Range": {
-        "description": "Which bytes of how many are sent; of a 416, how many there are.",
-        "schema": {"type": "string"},
-    },
-    "Tus-Resumable": {
-        "description": "The version of the tus protocol.",
-        "schema": {"type": "string"},
-    },
-    "Upload-Offset": {
-        "description": "Bytes of the photograph that are here: the next piece begins there.",
-        "schema": {"type": "integer", "minimum": 0},
-    },
-    "Upload-Length": {
-        "description": "Bytes of the whole photograph.",
-        "schema": {"type": "integer", "minimum": 1},
-    },
-    "RateLimit-Policy": {
-        "description": 'The limit that the call is counted in: `"upload";q=120;w=60` is 120 a minute.',
-        "schema": {"type": "string"},
-    },
-    "RateLimit": {
-        "description": 'Where the caller stands in it: `"upload";r=119;t=1` is 119 left, and full again in 1 s.',
-        "schema": {"type": "string"},
-    },
+    "Retry-After": _whole_number("Seconds after which the same request may succeed.", minimum=0),
+    "WWW-Authenticate": _text("`Bearer`."),
+    "Location": _text("Where what was made is."),
+    "ETag": _text(
+        "The state that was answered: for `If-Match` of a change, or `If-None-Match` of the next look."
+    ),
+    "Content-Disposition": _text(
+        "The name to save a file under: `attachment; filename=...`. Pages of JSON are without it."
+    ),
+    "Accept-Ranges": _text("`bytes`: parts of the file can be asked for."),
+    "Content-Range": _text("Which bytes of how many are sent; of a 416, how many there are."),
+    "Tus-Resumable": _text("The version of the tus protocol."),
+    "Upload-Offset": _whole_number(
+        "Bytes of the photograph that are here: the next piece begins there.", minimum=0
+    ),
+    "Upload-Length": _whole_number("Bytes of the whole photograph.", minimum=1),
+    "RateLimit-Policy": _text(
+        'The limit that the call is counted in: `"upload";q=120;w=60` is 120 a minute.'
+    ),
+    "RateLimit": _text(
+        'Where the caller stands in it: `"upload";r=119;t=1` is 119 left, and full again in 1 s.'
+    ),
 }
 OF_CALLER = ("RateLimit-Policy", "RateLimit")
 IF_NONE_MATCH = {

@@ -20,6 +20,7 @@ from app.db.session import is_disk_full
 
 log = structlog.get_logger()
 
+Responses = dict[int | str, dict[str, Any]]  # as FastAPI takes them
 PROBLEM_JSON = "application/problem+json"
 CODES_BY_STATUS = {
     400: "malformed_request",
@@ -61,7 +62,7 @@ class Problem(BaseModel):
     retryable: bool = Field(description="Whether the same request may succeed later.")
 
 
-def problem_responses(*statuses: int) -> dict[int | str, dict[str, Any]]:
+def problem_responses(*statuses: int) -> Responses:
     """OpenAPI's `responses` for these statuses."""
     return {
         status: {

@@ -4,14 +4,14 @@ An enrolment needs no authentication; it is rate limited by address.
 """
 
 import uuid
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import OfParticipant, StudyCode
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.http.rate_limit import EnrolmentLimit, caller_address
 from app.people import devices
 from app.people.access.deps import CurrentStaff, State
@@ -28,7 +28,7 @@ devices_of_study = APIRouter(
 enrolments = APIRouter(prefix="/v1/enrolments", tags=["enrolments"])
 
 
-ENROL_RESPONSES: dict[int | str, dict[str, Any]] = {
+ENROL_RESPONSES: Responses = {
     200: {
         "model": EnrolmentOut,
         "description": "The same as before: this phone was enrolled by the same secret.",

@@ -1,13 +1,12 @@
 """/v1/studies/{study}/participants: add, read and change a participant; the one-time codes that enrol phones."""
 
 from collections.abc import Mapping
-from typing import Any
 
 from fastapi import APIRouter, Request, Response
 
 from app.http.model_response import ModelResponse
 from app.http.parameters import ParticipantCode, StudyCode
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.people import participants
 from app.people.access.deps import CurrentStaff, State
 from app.people.access.page_rules import server_address
@@ -31,7 +30,7 @@ router = APIRouter(
 )
 
 PICTURES = ("image/svg+xml", "image/png")
-CODE_RESPONSES: dict[int | str, dict[str, Any]] = {
+CODE_RESPONSES: Responses = {
     201: {
         "model": EnrolmentCodeOut,
         "description": "The code, shown once; or only its QR code, depending on `Accept`.",

@@ -16,7 +16,7 @@ from app.core.errors import MalformedRequestError
 from app.http.metadata import read_limited, validated_with_unknown
 from app.http.model_response import ModelResponse
 from app.http.parameters import MealId, Slot
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.http.state import ApiState
 from app.http.upload import (
     MAX_METADATA_BYTES,
@@ -53,11 +53,11 @@ MetadataHook = Callable[
     [Request, DeviceCaller, uuid.UUID, dict[str, JsonValue]], Awaitable[str | None]
 ]
 
-SUBMIT_RESPONSES: dict[int | str, dict[str, Any]] = {
+SUBMIT_RESPONSES: Responses = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     202: {"model": MealOut, "description": "Kept; Location names the meal."},
 }
-DECLARE_RESPONSES: dict[int | str, dict[str, Any]] = {
+DECLARE_RESPONSES: Responses = {
     200: {"model": MealOut, "description": "The same as before: nothing was added."},
     201: {"model": MealOut, "description": "Kept and confirmed; Location names the meal."},
     **problem_responses(400, 409, 413, 422, 503),

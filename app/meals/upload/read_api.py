@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 import uuid
 from collections.abc import Collection
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import anyio.to_thread
 import sqlalchemy.exc
@@ -19,7 +19,7 @@ from fastapi.responses import StreamingResponse
 from app.db.session import Database
 from app.http.model_response import ModelResponse
 from app.http.parameters import MealId, OfWhichParticipant, is_held
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.http.ranges import ClosingStream
 from app.jobs.queue import JobQueue
 from app.meals.stored import queries as meals
@@ -109,14 +109,14 @@ router = APIRouter(
 FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})
 MAX_WAIT_SECONDS = 60
 
-ARTEFACT_RESPONSES: dict[int | str, dict[str, Any]] = {
+ARTEFACT_RESPONSES: Responses = {
     200: {
         "content": {"image/jpeg": {}, "application/json": {}, "application/octet-stream": {}},
         "description": "The picture, the points, or the scene (docs/volume.md).",
     },
 }
 PROBLEMS = problem_responses(403, 410)
-RETRY_RESPONSES: dict[int | str, dict[str, Any]] = {
+RETRY_RESPONSES: Responses = {
     200: {"model": MealOut, "description": "It waits for its estimate already: nothing changed."},
     202: {"model": MealOut, "description": "Queued again; Location names the meal."},
     **PROBLEMS,

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import asdict, replace
 from datetime import UTC, date, datetime, timedelta
 from itertools import chain, islice
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import Response, StreamingResponse
@@ -30,7 +30,7 @@ from app.http.paging import (
     require_order,
 )
 from app.http.parameters import StudyCode
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.http.state import ApiState
 from app.http.text_schemas import AwareInstant
 from app.people import privacy_queries as privacy
@@ -70,7 +70,7 @@ class AuditPage(PageOf[AuditEventOut]):
 STREAM_PAGE = 1000
 router = APIRouter(prefix="/v1", tags=["audit"], responses=problem_responses(401, 403, 404, 422))
 
-RESPONSES: dict[int | str, dict[str, Any]] = {
+RESPONSES: Responses = {
     200: {"model": AuditPage, "content": FILES, "description": "A page, or all events as a file."},
 }
 BEFORE_ALL = datetime(2000, 1, 1, tzinfo=UTC)  # no event is older

@@ -1,14 +1,14 @@
 """/v1/studies/{study}/remeasurements: kept photographs measured again by today's pipeline, in the background."""
 
 import uuid
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
 from app.http.flat_list import ListRoute
 from app.http.paging import Cursor, Limit, next_page
 from app.http.parameters import RemeasurementId, StudyCode
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.people.access.caller import StaffCaller
 from app.people.access.deps import CurrentStaff, State
 from app.records.remeasurements import remeasurements
@@ -30,7 +30,7 @@ router = APIRouter(
 )
 
 REMEASUREMENTS = "/v1/studies/{study}/remeasurements"
-START_RESPONSES: dict[int | str, dict[str, Any]] = {
+START_RESPONSES: Responses = {
     200: {
         "model": RemeasurementOut,
         "description": "The unfinished one of the same selection, which goes on.",

@@ -4,7 +4,7 @@ Events of the participant and reviewers about a meal, and their history; what re
 first; what they want to know of the participant.
 """
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 from urllib.parse import quote
 
 from fastapi import APIRouter, Query, Request
@@ -20,7 +20,7 @@ from app.http.parameters import (
     StudyCode,
     expected_versions,
 )
-from app.http.problems import problem_responses
+from app.http.problems import Responses, problem_responses
 from app.meals.stored.models import MealOrigin
 from app.meals.stored.record_models import EffectiveRecord
 from app.people.access.deps import CurrentCaller, CurrentDevice, CurrentStaff, State
@@ -36,7 +36,7 @@ from app.records.review.schemas import EventIn, EventList, EventOut
 
 router = APIRouter(tags=["review"], responses=problem_responses(401, 403))
 
-EVENT_RESPONSES: dict[int | str, dict[str, Any]] = {
+EVENT_RESPONSES: Responses = {
     200: {"model": MealOut, "description": "The same event as before: nothing was changed."},
     201: {"model": MealOut, "description": "The meal as it stands with the event."},
     **problem_responses(400, 404, 409, 410, 412, 413, 422, 428),
