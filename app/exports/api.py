@@ -7,7 +7,7 @@ from app.exports.export_files import FILES, stored_file_responses
 from app.exports.export_spec import spec_of_json
 from app.exports.queries import RequestedExport
 from app.exports.schemas import ExportIn, ExportList, ExportOut
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import ExportId, StudyCode
 from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
@@ -56,9 +56,7 @@ def get_exports(
     page = background_exports.list_exports(
         state.database, caller, study, cursor=cursor, limit=limit
     )
-    return ExportList(
-        items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor)
-    )
+    return ExportList.of(request, page, lambda row: _out(study, row))
 
 
 @router.get("/{export_id}")

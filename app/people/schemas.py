@@ -11,7 +11,6 @@ from app.http.field_descriptions import (
     APP_VERSION,
     LOCALE,
     NEXT,
-    PAGE,
     PARTICIPANT,
     PHONE_MODEL,
     SANDBOX,
@@ -213,10 +212,9 @@ class StudyOut(BaseModel):
     created_at: datetime = Field(description="When the study was created.")
 
 
-class StudyList(BaseModel):
+class StudyList(PageOf[StudyOut]):
     """A page of studies."""
 
-    items: list[StudyOut] = Field(description=PAGE)
     next: str | None = Field(default=None, description=NEXT)
 
 

@@ -5,7 +5,7 @@ from typing import cast
 from fastapi import APIRouter, Request, Response
 
 from app.http.flat_list import ListRoute
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import IfMatch, StudyCode, expected_versions
 from app.http.problems import problem_responses
 from app.people import studies
@@ -29,9 +29,7 @@ def get_studies(
 ) -> StudyList:
     """The studies in which the caller has a role."""
     page = studies.list_studies(state.database, caller, cursor=cursor, limit=limit)
-    return StudyList(
-        items=[render_study(study) for study in page.rows], next=next_page(request, page.cursor)
-    )
+    return StudyList.of(request, page, render_study)
 
 
 @router.post("", status_code=201, responses=problem_responses(409))

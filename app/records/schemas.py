@@ -11,7 +11,8 @@ from pydantic import AfterValidator, BaseModel, Discriminator, Field, Tag
 
 from app.foods.schemas import FoodRef
 from app.http.columns.record_columns import AMOUNTS_OF_HEADLINES
-from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, PAGE, RECORD, with_numbers
+from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, RECORD, with_numbers
+from app.http.page_of import PageOf
 from app.http.text_schemas import JsonNumber
 from app.meals.stored.event_models import DayStatus
 from app.meals.stored.record_models import ItemOrigin, RecordStatus
@@ -125,8 +126,7 @@ class RecordOut(RecordOfItem):
     study_day: int | None = Field(description="1 on the participant's first day.")
 
 
-class RecordPage(BaseModel):
+class RecordPage(PageOf[RecordOut]):
     """A page of records in the order of capture; `next` leads to the page after it, null at the end."""
 
-    items: list[RecordOut] = Field(description=PAGE)
     next: str | None = Field(description="The next page's path and query.")

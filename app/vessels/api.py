@@ -6,7 +6,7 @@ from fastapi import APIRouter, Query, Request, Response
 
 from app.foods.edits.edit_food import author_of
 from app.http.flat_list import ListRoute
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import IfMatch, StudyCode, VesselId, expected_versions
 from app.http.problems import problem_responses
 from app.people.access.caller import StaffCaller
@@ -42,9 +42,7 @@ def get_study_vessels(
     page = study_vessels.list_vessels(
         state.database, study, is_in_use=is_in_use, cursor=cursor, limit=limit
     )
-    return VesselList(
-        items=[render_vessel(view) for view in page.rows], next=next_page(request, page.cursor)
-    )
+    return VesselList.of(request, page, render_vessel)
 
 
 @router.post(VESSELS, status_code=201, responses=problem_responses(404, 409, 413, 422))

@@ -6,7 +6,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from app.http.flat_list import ListRoute
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import IfMatch, StudyCode, WebhookId, expected_versions
 from app.http.problems import problem_responses
 from app.outbox.models import DeliveryState, Webhook, WebhookDelivery
@@ -110,9 +110,7 @@ def get_deliveries(
 ) -> DeliveryPage:
     """The log of deliveries, the newest first. Deliveries that have ended are kept for 30 days."""
     page = hooks.list_deliveries(webhook, state=only, cursor=cursor, limit=limit)
-    return DeliveryPage(
-        items=[_delivery_out(row) for row in page.rows], next=next_page(request, page.cursor)
-    )
+    return DeliveryPage.of(request, page, _delivery_out)
 
 
 @router.post(

@@ -29,7 +29,7 @@ from app.exports.known_filters import require_known
 from app.exports.lists.day_values import day_values
 from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page, require_order
+from app.http.paging import Cursor, Limit, require_order
 from app.http.parameters import (
     FirstDay,
     IfMatch,
@@ -149,9 +149,8 @@ def get_days(
     page = day_summaries.list_day_summaries(
         state.database, caller, chosen, cursor=cursor, limit=limit
     )
-    body = DaySummaryPage(
-        items=[DaySummaryOut.model_validate(day_values(day)) for day in page.rows],
-        next=next_page(request, page.cursor),
+    body = DaySummaryPage.of(
+        request, page, lambda day: DaySummaryOut.model_validate(day_values(day))
     )
     return ModelResponse(body)
 
@@ -178,9 +177,8 @@ def get_intakes(
         cursor=cursor,
         limit=limit,
     )
-    return IntakePage(
-        items=[IntakeOut.model_validate(row, from_attributes=True) for row in page.rows],
-        next=next_page(request, page.cursor),
+    return IntakePage.of(
+        request, page, lambda row: IntakeOut.model_validate(row, from_attributes=True)
     )
 
 

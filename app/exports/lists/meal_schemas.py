@@ -8,7 +8,6 @@ from pydantic import BaseModel, Field
 from app.foods.schemas import FoodRef
 from app.http.field_descriptions import (
     MEAL_VERSION,
-    PAGE,
     RECEIVED_AT,
     STUDY,
     TIME_ZONE,
@@ -16,6 +15,7 @@ from app.http.field_descriptions import (
     LocalDate,
     ParticipantCode,
 )
+from app.http.page_of import PageOf
 from app.meals.stored.models import AfterStatus, MealOrigin, MealStatus
 
 
@@ -77,10 +77,9 @@ class MealListItem(BaseModel):
     links: MealLinks = Field(description="Paths of the meal and its photograph.")
 
 
-class MealPage(BaseModel):
+class MealPage(PageOf[MealListItem]):
     """A page of meals by time of capture; `next` leads to the page after it, null at the end."""
 
-    items: list[MealListItem] = Field(description=PAGE)
     next: str | None = Field(description="The next page's path and query.")
 
 

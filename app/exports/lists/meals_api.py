@@ -37,7 +37,7 @@ from app.exports.lists.meal_schemas import (
     StatusCountOut,
 )
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
@@ -85,11 +85,7 @@ def get_meals(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_meals(state.database, caller, chosen, order=order, cursor=cursor, limit=limit)
-    body = MealPage(
-        items=[render_meal_row(row, caller) for row in page.rows],
-        next=next_page(request, page.cursor),
-    )
-    return ModelResponse(body)
+    return ModelResponse(MealPage.of(request, page, lambda row: render_meal_row(row, caller)))
 
 
 @router.get("/studies/{study}/meal-counts", responses=problem_responses(403))

@@ -5,7 +5,7 @@ from fastapi.responses import Response
 
 from app.exports.export_files import FILES, Format, answer_file, file_spec
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import StudyCode
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
@@ -38,5 +38,7 @@ def get_participants(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_participants(state.database, study, cursor=cursor, limit=limit)
-    items = [ParticipantRow.model_validate(row, from_attributes=True) for row in page.rows]
-    return ModelResponse(ParticipantList(items=items, next=next_page(request, page.cursor)))
+    body = ParticipantList.of(
+        request, page, lambda row: ParticipantRow.model_validate(row, from_attributes=True)
+    )
+    return ModelResponse(body)

@@ -7,13 +7,13 @@ from pydantic import BaseModel, Field
 
 from app.http.field_descriptions import (
     MEAL_ID,
-    PAGE,
     PHOTOGRAPH,
     STUDY,
     CapturedAt,
     LocalDate,
     ParticipantCode,
 )
+from app.http.page_of import PageOf
 from app.photos.slots import ImageSlot
 
 
@@ -42,8 +42,7 @@ class PhotographOut(BaseModel):
     )
 
 
-class PhotographPage(BaseModel):
+class PhotographPage(PageOf[PhotographOut]):
     """Photographs in the order of capture; `next` leads to the page after it, null at the end."""
 
-    items: list[PhotographOut] = Field(description=PAGE)
     next: str | None = Field(description="The next page's path and query.")

@@ -10,7 +10,7 @@ from app.exports.known_filters import require_known
 from app.exports.lists.list_photographs import ListedPhotograph, list_photographs
 from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import FirstDay, LastDay, OfParticipant, StudyCode
 from app.http.problems import problem_responses
 from app.people.access.deps import CurrentStaff, State
@@ -46,8 +46,7 @@ def get_photographs(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_photographs(state.database, caller, chosen, cursor=cursor, limit=limit)
-    items = [_out(photograph) for photograph in page.rows]
-    return ModelResponse(PhotographPage(items=items, next=next_page(request, page.cursor)))
+    return ModelResponse(PhotographPage.of(request, page, _out))
 
 
 def _out(photograph: ListedPhotograph) -> PhotographOut:

@@ -18,7 +18,7 @@ from app.exports.export_files import (
 from app.exports.known_filters import require_known
 from app.exports.lists.list_records import list_records
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
 from app.people.access.deps import CurrentCaller, State
@@ -54,7 +54,4 @@ def get_records(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_records(state.database, caller, chosen, cursor=cursor, limit=limit)
-    body = RecordPage(
-        items=[render_record(row) for row in page.rows], next=next_page(request, page.cursor)
-    )
-    return ModelResponse(body)
+    return ModelResponse(RecordPage.of(request, page, render_record))

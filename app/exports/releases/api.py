@@ -17,7 +17,7 @@ from app.exports.releases.schemas import (
     ReleaseList,
     ReleaseOut,
 )
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import ReleaseName, StudyCode
 from app.http.problems import problem_responses
 from app.http.ranges import answer_stored_file
@@ -55,9 +55,7 @@ def get_releases(
 ) -> ReleaseList:
     """The study's releases, the newest first."""
     page = releases.list_releases(state.database, caller, study, cursor=cursor, limit=limit)
-    return ReleaseList(
-        items=[_out(study, row) for row in page.rows], next=next_page(request, page.cursor)
-    )
+    return ReleaseList.of(request, page, lambda row: _out(study, row))
 
 
 @router.get("/{name}")

@@ -25,7 +25,6 @@ from app.http.paging import (
     Page,
     all_rows,
     decode_cursor,
-    next_page,
     page_of,
     require_order,
 )
@@ -183,10 +182,7 @@ def _answer(
     if file_format is not None:
         return audit_file(state, caller, study, chosen, file_format)
     page = read_audit(state.database, caller, study, chosen, cursor=cursor, limit=limit)
-    body = AuditPage(
-        items=[_event_out(row) for row in page.rows], next=next_page(request, page.cursor)
-    )
-    return ModelResponse(body)
+    return ModelResponse(AuditPage.of(request, page, _event_out))
 
 
 def audit_file(

@@ -66,9 +66,7 @@ def get_staff(
 ) -> StaffList:
     """All staff by name."""
     page = staff.list_staff(state.database, cursor=cursor, limit=limit)
-    return StaffList(
-        items=[_render(row) for row in page.rows], next=next_page(request, page.cursor)
-    )
+    return StaffList.of(request, page, _render)
 
 
 @staff_members.post("", status_code=201, responses=problem_responses(409, 503))

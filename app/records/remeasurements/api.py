@@ -81,10 +81,7 @@ def get_remeasurements(
     page = remeasurements.list_remeasurements(
         state.database, _requester(caller), study, cursor=cursor, limit=limit
     )
-    return RemeasurementList(
-        items=list(page.rows),
-        next=next_page(request, page.cursor),
-    )
+    return RemeasurementList(items=page.rows, next=next_page(request, page.cursor))
 
 
 @router.get(f"{REMEASUREMENTS}/{{remeasurement}}")
@@ -111,7 +108,7 @@ def get_remeasured_items(
     page = remeasurements.list_compared(
         state.database, _requester(caller), study, remeasurement, cursor=cursor, limit=limit
     )
-    return ComparedItemList(items=list(page.rows), next=next_page(request, page.cursor))
+    return ComparedItemList(items=page.rows, next=next_page(request, page.cursor))
 
 
 @router.post(f"{REMEASUREMENTS}/{{remeasurement}}/stop", responses=problem_responses(409))

@@ -11,7 +11,7 @@ from fastapi import APIRouter, Query, Request
 
 from app.http.flat_list import ListRoute
 from app.http.model_response import ModelResponse
-from app.http.paging import Cursor, Limit, next_page
+from app.http.paging import Cursor, Limit
 from app.http.parameters import (
     IfMatch,
     MealId,
@@ -73,7 +73,7 @@ def get_events(
 ) -> EventList:
     """All that was said of the meal, the oldest first, what was undone as well."""
     page = read_history(state.database, caller, meal_id, participant, cursor=cursor, limit=limit)
-    return EventList(items=[_event(row) for row in page.rows], next=next_page(request, page.cursor))
+    return EventList.of(request, page, _event)
 
 
 def _event(row: HistoryRow) -> EventOut:
@@ -152,9 +152,7 @@ def get_review_queue(
         origin=origin,
     )
     page = read_queue(state.database, chosen, cursor=cursor, limit=limit)
-    return ReviewQueue(
-        items=[_queued_item(queued) for queued in page.rows], next=next_page(request, page.cursor)
-    )
+    return ReviewQueue.of(request, page, _queued_item)
 
 
 def _queued_item(queued: QueuedItem) -> QueuedItemOut:

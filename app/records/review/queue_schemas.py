@@ -10,12 +10,12 @@ from app.http.field_descriptions import (
     FLAGS,
     FOOD,
     MEAL_ID,
-    PAGE,
     CapturedAt,
     Interval,
     LocalDate,
     ParticipantCode,
 )
+from app.http.page_of import PageOf
 from app.meals.stored.record_models import ItemOrigin, RecordStatus
 from app.records.meal_schemas import CandidateOut
 
@@ -64,10 +64,9 @@ class QueuedItemOut(BaseModel):
     )
 
 
-class ReviewQueue(BaseModel):
+class ReviewQueue(PageOf[QueuedItemOut]):
     """A page of the queue, the most doubtful first."""
 
-    items: list[QueuedItemOut] = Field(description=PAGE)
     next: str | None = Field(description="Path of the next page; null: this is the last.")
 
 

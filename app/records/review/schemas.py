@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from app.http.closed_model import ClosedModel
-from app.http.field_descriptions import EVENT_KIND, PAGE
+from app.http.field_descriptions import EVENT_KIND
+from app.http.page_of import PageOf
 from app.http.text_schemas import Number, Text
 from app.meals.stored.event_models import EventKind, Layer
 from app.nutrition.foods import FoodForm
@@ -453,8 +454,7 @@ class EventOut(BaseModel):
     created_at: datetime = Field(description="When it arrived.")
 
 
-class EventList(BaseModel):
+class EventList(PageOf[EventOut]):
     """A page of a meal's history, the oldest first."""
 
-    items: list[EventOut] = Field(description=PAGE)
     next: str | None = Field(description="Path of the next page; null: this is the last.")
