@@ -92,3 +92,14 @@ def one_of(column: str, values: tuple[str, ...]) -> sa.CheckConstraint:
     """Return a check that a text column has one of these values."""
     listed = ", ".join(f"'{value}'" for value in values)
     return sa.CheckConstraint(f"{column} IN ({listed})", name=column)
+
+
+def index_where(name: str | None, *columns: str, where: str, unique: bool = False) -> sa.Index:
+    """Return an index of the rows for which a condition holds. where: with {yes} and {no} for booleans."""
+    return sa.Index(
+        name,
+        *columns,
+        unique=unique,
+        sqlite_where=sa.text(where.format(yes=1, no=0)),
+        postgresql_where=sa.text(where.format(yes="true", no="false")),
+    )

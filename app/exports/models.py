@@ -7,13 +7,12 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, BlobColumns, one_of
+from app.db.base import Base, BlobColumns, index_where, one_of
 from app.db.columns import BigInt, StaffRef, Str16, Str64, Str300, StudyRef, UuidKey
 
 ExportState = Literal["queued", "running", "done", "failed", "cancelled", "expired"]
 EXPORT_STATES: tuple[ExportState, ...] = get_args(ExportState)
 UNDER_WAY = ("queued", "running")
-_IS_UNDER_WAY = sa.text("state IN ('queued', 'running')")
 
 
 class FileWork:
@@ -66,11 +65,10 @@ class Export(FileWork, Base):
         ),
         sa.Index(None, "study_id", "requested_at", "id"),
         sa.Index(None, "state", "requested_at"),
-        sa.Index(
+        index_where(
             "uq_export_under_way",
             *("study_id", "staff_id", "spec_sha256"),
             unique=True,
-            sqlite_where=_IS_UNDER_WAY,
-            postgresql_where=_IS_UNDER_WAY,
+            where="state IN ('queued', 'running')",
         ),
     )

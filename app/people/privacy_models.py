@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonValue, one_of
+from app.db.base import Base, JsonValue, index_where, one_of
 from app.db.columns import BigInt, IntKey, Str16, Str32, Str64, Str200, Str300, StudyRef, UuidKey
 
 ActorKind = Literal["staff", "device", "system"]
@@ -50,9 +50,7 @@ class AuditEvent(Base):
     __table_args__ = (
         one_of("actor_kind", ACTOR_KINDS),
         sa.Index(None, "study_id", "id"),
-        sa.Index(
-            "ix_audit_event_last_backup", "id", sqlite_where=IS_BACKUP, postgresql_where=IS_BACKUP
-        ),
+        index_where("ix_audit_event_last_backup", "id", where=IS_BACKUP.text),
     )
 
 

@@ -11,7 +11,7 @@ from typing import ClassVar
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonValue, Personal
+from app.db.base import Base, JsonValue, Personal, index_where
 from app.db.columns import MealRef, StaffRef, Str100, StudyRef, UuidKey
 
 
@@ -42,13 +42,12 @@ class ReviewDecision(Base):
     settled_at: Mapped[datetime | None]
 
     __table_args__ = (
-        sa.Index(
+        index_where(
             "ix_review_decision_item_id_staff_id",
             "item_id",
             "staff_id",
             unique=True,
-            sqlite_where=sa.text("undone_at IS NULL"),
-            postgresql_where=sa.text("undone_at IS NULL"),
+            where="undone_at IS NULL",
         ),
         sa.Index(None, "study_id", "staff_id"),
     )

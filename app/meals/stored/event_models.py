@@ -13,7 +13,7 @@ from typing import Any, Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal, one_of
+from app.db.base import Base, Personal, index_where, one_of
 from app.db.columns import (
     BigInt,
     DeviceRef,
@@ -67,12 +67,7 @@ class MealEvent(Base):
         one_of("kind", EVENT_KINDS),
         one_of("layer", LAYERS),
         sa.UniqueConstraint("meal_id", "sequence"),
-        sa.Index(
-            "ix_meal_event_questions",
-            "meal_id",
-            sqlite_where=sa.text("kind = 'question'"),
-            postgresql_where=sa.text("kind = 'question'"),
-        ),
+        index_where("ix_meal_event_questions", "meal_id", where="kind = 'question'"),
     )
 
 

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, Personal, one_of
+from app.db.base import Base, Personal, index_where, one_of
 from app.db.columns import (
     BigInt,
     ItemRef,
@@ -37,10 +37,6 @@ RERUN_OF: Mapping[str, PairPurpose] = {
     "rerun": "meal",
     "rerun_after": "after",
 }  # by purpose: the pair
-_HAS_BEGUN = sa.text("started_at IS NOT NULL")
-_IS_WAITING = sa.text("executor_id IS NULL AND finished_at IS NULL")
-_IS_CLAIMED = sa.text("executor_id IS NOT NULL AND finished_at IS NULL")
-_HAS_STUDY = sa.text("study_id IS NOT NULL")
 
 
 class Job(Base):
@@ -90,18 +86,15 @@ class Job(Base):
             "(state IN ('done', 'failed')) = (finished_at IS NOT NULL)", name="finished"
         ),
         sa.Index(None, "state", "enqueued_at"),
-        sa.Index(None, "study_id", "turn", sqlite_where=_HAS_STUDY, postgresql_where=_HAS_STUDY),
-        sa.Index(
-            "ix_job_turn_of_begun", "turn", sqlite_where=_HAS_BEGUN, postgresql_where=_HAS_BEGUN
-        ),
-        sa.Index(
+        index_where(None, "study_id", "turn", where="study_id IS NOT NULL"),
+        index_where("ix_job_turn_of_begun", "turn", where="started_at IS NOT NULL"),
+        index_where(
             "ix_job_waiting",
             *("is_background", "turn", "enqueued_at", "id"),
-            sqlite_where=_IS_WAITING,
-            postgresql_where=_IS_WAITING,
+            where="executor_id IS NULL AND finished_at IS NULL",
         ),
-        sa.Index(
-            "ix_job_claimed", "executor_id", sqlite_where=_IS_CLAIMED, postgresql_where=_IS_CLAIMED
+        index_where(
+            "ix_job_claimed", "executor_id", where="executor_id IS NOT NULL AND finished_at IS NULL"
         ),
     )
 
@@ -124,8 +117,6 @@ REMEASUREMENT_STATES: tuple[RemeasurementState, ...] = get_args(RemeasurementSta
 PairState = Literal["pending", "queued", "measured", "kept", "skipped"]
 PAIR_STATES: tuple[PairState, ...] = get_args(PairState)
 PAIRS: tuple[PairPurpose, ...] = get_args(PairPurpose)
-_IS_RUNNING = sa.text("state = 'running'")
-_IS_OPEN = sa.text("state IN ('pending', 'queued')")
 
 
 class Remeasurement(Base):
@@ -152,12 +143,8 @@ class Remeasurement(Base):
         one_of("state", REMEASUREMENT_STATES),
         sa.CheckConstraint("(state = 'running') = (ended_at IS NULL)", name="ended"),
         sa.Index(None, "study_id", "created_at", "id"),
-        sa.Index(
-            "uq_remeasurement_running_of_study",
-            "study_id",
-            unique=True,
-            sqlite_where=_IS_RUNNING,
-            postgresql_where=_IS_RUNNING,
+        index_where(
+            "uq_remeasurement_running_of_study", "study_id", unique=True, where="state = 'running'"
         ),
     )
 
@@ -191,11 +178,10 @@ class RemeasuredPair(Base):
         sa.CheckConstraint("(reason IS NULL) = (state NOT IN ('kept', 'skipped'))", name="reason"),
         sa.CheckConstraint("(ended_at IS NULL) = (state IN ('pending', 'queued'))", name="ended"),
         sa.Index(None, "remeasurement_id", "position", "pair"),
-        sa.Index(
+        index_where(
             "ix_remeasured_pair_open",
             *("remeasurement_id", "state", "position"),
-            sqlite_where=_IS_OPEN,
-            postgresql_where=_IS_OPEN,
+            where="state IN ('pending', 'queued')",
         ),
     )
 

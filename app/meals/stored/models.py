@@ -9,7 +9,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.core.errors import Failure
-from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
+from app.db.base import Base, BlobColumns, JsonValue, Personal, index_where, one_of
 from app.db.columns import (
     BigInt,
     DeviceRef,
@@ -206,17 +206,15 @@ class Meal(Base):
         sa.Index(
             "ix_meal_list_of_participant", "participant_id", "captured_at", "id", "local_date"
         ),
-        sa.Index(
+        index_where(
             "ix_meal_list_of_failure",
             *("study_id", "failure_code", "captured_at", "id", "local_date"),
-            sqlite_where=sa.text("failure_code IS NOT NULL"),
-            postgresql_where=sa.text("failure_code IS NOT NULL"),
+            where="failure_code IS NOT NULL",
         ),
-        sa.Index(
+        index_where(
             "ix_meal_list_of_after",
             *("study_id", "after_status", "captured_at", "id", "local_date"),
-            sqlite_where=sa.text("after_status IS NOT NULL"),
-            postgresql_where=sa.text("after_status IS NOT NULL"),
+            where="after_status IS NOT NULL",
         ),
         sa.Index(None, "client_id"),
     )

@@ -7,7 +7,7 @@ from typing import Literal, TypedDict, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, BlobColumns, JsonValue, Personal, one_of
+from app.db.base import Base, BlobColumns, JsonValue, Personal, index_where, one_of
 from app.db.columns import (
     BigInt,
     FoodRef,
@@ -420,11 +420,10 @@ class EffectiveRecord(HeadlineAmounts, Base):
             "doubt",
             "item_id",
         ),
-        sa.Index(
+        index_where(
             "ix_effective_record_queue_of_provisional",
             *("study_id", "reviewed", "doubt", "item_id"),
-            sqlite_where=sa.text("provisional IS 1"),
-            postgresql_where=sa.text("provisional IS true"),
+            where="provisional IS {yes}",
         ),
         sa.Index(  # all that a day sums (diary/day_definition.py)
             "ix_effective_record_days",
@@ -438,38 +437,33 @@ class EffectiveRecord(HeadlineAmounts, Base):
             ),
         ),
         # lists of meals filtered by their items (exports/lists/meal_page_queries.py)
-        sa.Index(
+        index_where(
             "ix_effective_record_meals_of_food",
             *("food_id", "study_id", "captured_at", "meal_id", "local_date"),
-            sqlite_where=sa.text("status <> 'rejected'"),
-            postgresql_where=sa.text("status <> 'rejected'"),
+            where="status <> 'rejected'",
         ),
-        sa.Index(
+        index_where(
             "ix_effective_record_meals_of_flags",
             *("study_id", "flags", "captured_at", "meal_id", "local_date"),
-            sqlite_where=sa.text("status <> 'rejected' AND flags <> '[]'"),
-            postgresql_where=sa.text("status <> 'rejected' AND flags <> '[]'"),
+            where="status <> 'rejected' AND flags <> '[]'",
         ),
-        sa.Index(
+        index_where(
             "ix_effective_record_meals_to_review",
             *("study_id", "captured_at", "meal_id", "local_date"),
-            sqlite_where=sa.text("status <> 'rejected' AND reviewed IS 0"),
-            postgresql_where=sa.text("status <> 'rejected' AND reviewed IS false"),
+            where="status <> 'rejected' AND reviewed IS {no}",
         ),
         # those that need a look (records/page_queries.py), for the review queue and lists of
         # meals; the index before, and that of all reviewed, are for code before these, dropped a
         # release after
-        sa.Index(
+        index_where(
             "ix_effective_record_look_queue",
             *("study_id", "reviewed", "status", "doubt", "item_id"),
-            sqlite_where=sa.text(NEEDS_LOOK.format(no=0)),
-            postgresql_where=sa.text(NEEDS_LOOK.format(no="false")),
+            where=NEEDS_LOOK,
         ),
-        sa.Index(
+        index_where(
             "ix_effective_record_look_meals",
             *("study_id", "captured_at", "meal_id", "local_date"),
-            sqlite_where=sa.text(NEEDS_LOOK.format(no=0)),
-            postgresql_where=sa.text(NEEDS_LOOK.format(no="false")),
+            where=NEEDS_LOOK,
         ),
     )
 
