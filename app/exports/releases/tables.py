@@ -40,51 +40,45 @@ KEYS: Mapping[str, tuple[str, ...]] = {
     "food_nutrients": ("food_key", "food_version", "food_table", "number"),
 }
 FOOD = (
-    Column("food_key", "word", meaning="The food's key: the same through releases and versions."),
+    Column("food_key", "word", "The food's key: the same through releases and versions."),
     Column(
         "food_version",
         "integer",
-        meaning="The food's version in its table's release.",
+        "The food's version in its table's release.",
         empty="Of any version.",
     ),
-    Column(
-        "food_table", "word", meaning="The food table's name and release.", empty="Of any table."
-    ),
+    Column("food_table", "word", "The food table's name and release.", empty="Of any table."),
 )
 FOODS = (
     *FOOD,
-    Column("name", "word", meaning="The food's name."),
-    Column("food_group", "word", meaning="Its group in the table."),
-    Column("state", "word", meaning="Raw, cooked ...", empty="The table does not say."),
-    Column("is_mixed_dish", "boolean", meaning="Whether it is a dish of several foods."),
+    Column("name", "word", "The food's name."),
+    Column("food_group", "word", "Its group in the table."),
+    Column("state", "word", "Raw, cooked ...", empty="The table does not say."),
+    Column("is_mixed_dish", "boolean", "Whether it is a dish of several foods."),
 )
 FOOD_NUTRIENTS = (
     *FOOD,
-    Column("number", "word", meaning="The component's number in its source."),
-    Column("tagname", "word", meaning="INFOODS tagname.", empty="There is none."),
-    Column("component", "word", meaning="The component's name."),
-    Column("unit", "word", meaning="Unit of per_100_g."),
-    Column(
-        "per_100_g",
-        "number",
-        meaning="How much of it 100 g of the edible portion hold, in `unit`.",
-    ),
+    Column("number", "word", "The component's number in its source."),
+    Column("tagname", "word", "INFOODS tagname.", empty="There is none."),
+    Column("component", "word", "The component's name."),
+    Column("unit", "word", "Unit of per_100_g."),
+    Column("per_100_g", "number", "How much of it 100 g of the edible portion hold, in `unit`."),
 )
 FOOD_DENSITIES = (
     *FOOD,
-    Column("measured_by", "word", meaning="Whose figure it is.", values=("table", "study")),
-    Column("g_per_ml", "number", "g/ml", "The density."),
-    Column("sd_g_per_ml", "number", "g/ml", "Its spread (one sd)."),
-    Column("state", "word", meaning="Of the food as it was measured."),
+    Column("measured_by", "word", "Whose figure it is.", values=("table", "study")),
+    Column("g_per_ml", "number", "The density.", "g/ml"),
+    Column("sd_g_per_ml", "number", "Its spread (one sd).", "g/ml"),
+    Column("state", "word", "Of the food as it was measured."),
     Column(
         "kind",
         "word",
-        meaning="Of the food's own matter, or of a heap of pieces.",
+        "Of the food's own matter, or of a heap of pieces.",
         values=("solid", "bulk"),
     ),
-    Column("basis", "word", meaning="What kind of figure it is.", empty="Measured by the study."),
-    Column("weighs", "word", meaning="Of what the grams are.", values=("as_seen", "edible")),
-    Column("source", "word", meaning="Who measured it."),
+    Column("basis", "word", "What kind of figure it is.", empty="Measured by the study."),
+    Column("weighs", "word", "Of what the grams are.", values=("as_seen", "edible")),
+    Column("source", "word", "Who measured it."),
 )
 OF_FOODS: Mapping[str, tuple[Column, ...]] = {
     "foods": FOODS,

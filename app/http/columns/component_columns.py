@@ -37,7 +37,7 @@ def component_column(
     name = f"{tagname}_{unit}" if tagname is not None else f"component_{number}_{unit}"
     how = f" ({expression})" if expression else ""
     meaning = f"{title}{how}, component {number}, in what was eaten (consumed_g)."
-    column = Column(name, "number", unit, meaning, empty=NO_CONTENT)
+    column = Column(name, "number", meaning, unit, empty=NO_CONTENT)
     return ComponentColumn(column, (number,), tagname, title)
 
 
@@ -58,7 +58,7 @@ def sum_columns(components: Iterable[ComponentColumn]) -> tuple[Column, ...]:
     for component in components:
         name = component.column.name
         meaning = f"Sum of {component.title} over what was eaten."
-        columns.append(Column(name, "number", component.column.unit, meaning, empty=NO_SUM))
+        columns.append(Column(name, "number", meaning, component.column.unit, empty=NO_SUM))
         columns.append(coverage_column(f"{name}_coverage", name))
     return tuple(columns)
 
@@ -69,7 +69,7 @@ def headline_sums(empty: str) -> tuple[Column, ...]:
     for headline in HEADLINES:
         name, unit = headline.column, headline.unit
         columns.append(
-            Column(name, "number", unit, f"Sum of {name} over records that hold.", empty=empty)
+            Column(name, "number", f"Sum of {name} over records that hold.", unit, empty=empty)
         )
         columns.append(coverage_column(f"{name}_coverage", name))
     return tuple(columns)
@@ -77,32 +77,27 @@ def headline_sums(empty: str) -> tuple[Column, ...]:
 
 def coverage_column(name: str, of: str) -> Column:
     """The column beside a sum."""
-    return Column(name, "number", "1", COVERAGE.format(name=of), empty=NO_COVERAGE)
+    return Column(name, "number", COVERAGE.format(name=of), "1", empty=NO_COVERAGE)
 
 
 OF_COMPONENT = (
-    Column("component", "word", meaning="The column that the component has in the wide layout."),
-    Column(
-        "number",
-        "word",
-        meaning="USDA's number of the component, or its tagname where USDA has none.",
-    ),
-    Column("tagname", "word", meaning="Its INFOODS tagname.", empty="INFOODS has none."),
-    Column("component_name", "word", meaning="Its name."),
-    Column("unit", "word", meaning="The unit of amount (and per_100_g)."),
+    Column("component", "word", "The column that the component has in the wide layout."),
+    Column("number", "word", "USDA's number of the component, or its tagname where USDA has none."),
+    Column("tagname", "word", "Its INFOODS tagname.", empty="INFOODS has none."),
+    Column("component_name", "word", "Its name."),
+    Column("unit", "word", "The unit of amount (and per_100_g)."),
 )
 LONG_AMOUNT = (
-    Column("amount", "number", None, "How much of it was eaten, in `unit`.", empty=NO_CONTENT),
+    Column("amount", "number", "How much of it was eaten, in `unit`.", empty=NO_CONTENT),
     Column(
         "per_100_g",
         "number",
-        None,
         "Content of 100 g edible portion of this version of the food, in `unit`.",
         empty="The food table does not know it, or there is no food. Never 0.",
     ),
 )
 LONG_SUM = (
-    Column("amount", "number", None, "Sum over what was eaten, in `unit`.", empty=NO_SUM),
+    Column("amount", "number", "Sum over what was eaten, in `unit`.", empty=NO_SUM),
     coverage_column("coverage", "it"),
 )
-KNOWN = Column("known", "boolean", meaning="Whether amount is known; where not, it is empty.")
+KNOWN = Column("known", "boolean", "Whether amount is known; where not, it is empty.")

@@ -24,7 +24,7 @@ LEFTOVERS_UNKNOWN = (
 
 
 def _count(name: str, meaning: str) -> Column:
-    return Column(name, "integer", None, meaning)
+    return Column(name, "integer", meaning)
 
 
 WHOSE = (STUDY, PARTICIPANT)
@@ -34,18 +34,18 @@ STANDING = (
     Column(
         "day_status",
         "word",
-        meaning="closed: all that was eaten on the day is told. open: not so; leave it out of means.",
+        "closed: all that was eaten on the day is told. open: not so; leave it out of means.",
         values=DAY_STATUSES,
     ),
     Column(
         "ate_nothing",
         "boolean",
-        meaning="Closed by the word that nothing was eaten, and no meal says otherwise.",
+        "Closed by the word that nothing was eaten, and no meal says otherwise.",
     ),
     Column(
         "decided_by",
         "word",
-        meaning="Whose word about the day holds.",
+        "Whose word about the day holds.",
         values=LAYERS[1:],
         empty="Nobody has said anything of the day.",
     ),
@@ -58,8 +58,8 @@ COUNTS = (
     Column(
         "median_upload_delay_seconds",
         "number",
-        "s",
         "Median time from eating to the server, of the day's meals.",
+        "s",
         empty="The day has no meals.",
     ),
     _count("items", "Records that hold (not rejected)."),
@@ -72,8 +72,8 @@ COUNTS = (
     Column(
         "consumed_g",
         "number",
-        "g",
         "Edible grams eaten, summed over records that hold.",
+        "g",
         empty=NO_SUM,
     ),
 )
@@ -82,14 +82,14 @@ PLAUSIBLE = (
     Column(
         "energy_to_basal_rate",
         "number",
-        "1",
         "The day's energy over the participant's basal metabolic rate.",
+        "1",
         empty="The profile or the day's whole energy is not known.",
     ),
     Column(
         "plausibility",
         "word",
-        meaning="Of this day's energy alone, with the wide limits of one day (Goldberg, Black 2000).",
+        "Of this day's energy alone, with the wide limits of one day (Goldberg, Black 2000).",
         values=VERDICTS,
     ),
 )

@@ -24,16 +24,16 @@ class Column:
     """A column of a table.
 
     type: a "word" is any text; "words" is a list of texts.
-    unit: None where the values have none.
     meaning: one or a few sentences for the data dictionary.
+    unit: None where the values have none.
     values: all that there can be, where that is a short list.
     empty: what an empty cell says; None: no cell is empty.
     """
 
     name: str
     type: ColumnType
-    unit: str | None = None
     meaning: str = ""
+    unit: str | None = None
     values: tuple[str, ...] = ()
     empty: str | None = None
 
@@ -65,18 +65,13 @@ SCHEMA_TYPES: dict[ColumnType, dict[str, JsonValue]] = {
 }
 
 DICTIONARY_COLUMNS = (
-    Column("position", "integer", meaning="The column's place, 1 the first."),
-    Column("name", "word", meaning="The column's name."),
-    Column("type", "word", meaning="What its values are.", values=tuple(TYPES.values())),
-    Column(
-        "unit",
-        "word",
-        meaning="Unit of the values; 1: a share or a ratio.",
-        empty="They have none.",
-    ),
-    Column("meaning", "word", meaning="What the column tells."),
-    Column("values", "words", meaning="All values that there can be, where they are few."),
-    Column("empty", "word", meaning="What an empty cell says.", empty="There is none."),
+    Column("position", "integer", "The column's place, 1 the first."),
+    Column("name", "word", "The column's name."),
+    Column("type", "word", "What its values are.", values=tuple(TYPES.values())),
+    Column("unit", "word", "Unit of the values; 1: a share or a ratio.", empty="They have none."),
+    Column("meaning", "word", "What the column tells."),
+    Column("values", "words", "All values that there can be, where they are few."),
+    Column("empty", "word", "What an empty cell says.", empty="There is none."),
 )
 DictionaryRow = tuple[int, str, DictionaryType, str | None, str, tuple[str, ...], str | None]
 

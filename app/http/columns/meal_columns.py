@@ -42,18 +42,10 @@ NO_RUN = "No run has measured it."
 NO_PHOTOGRAPH = "There is no such photograph."
 UNKNOWN_PLACE = "Not told, or the study keeps no locations."
 LONGITUDE = Column(
-    "longitude",
-    "number",
-    "deg",
-    "WGS84, as far as the study keeps locations.",
-    empty=UNKNOWN_PLACE,
+    "longitude", "number", "WGS84, as far as the study keeps locations.", "deg", empty=UNKNOWN_PLACE
 )
 LATITUDE = Column(
-    "latitude",
-    "number",
-    "deg",
-    "WGS84, as far as the study keeps locations.",
-    empty=UNKNOWN_PLACE,
+    "latitude", "number", "WGS84, as far as the study keeps locations.", "deg", empty=UNKNOWN_PLACE
 )
 PHOTOGRAPH_COLUMNS = (
     MEAL_ID,
@@ -65,26 +57,26 @@ PHOTOGRAPH_COLUMNS = (
     Column(
         "slot",
         "word",
-        meaning="Which of the meal's photographs or depth maps it is, or its voice note.",
+        "Which of the meal's photographs or depth maps it is, or its voice note.",
         values=SLOTS,
     ),
-    Column("media_type", "word", meaning="Of the bytes as they are kept."),
-    Column("width_px", "integer", "px", "Of the upright picture; 0: a voice note."),
-    Column("height_px", "integer", "px", "Of the upright picture; 0: a voice note."),
-    Column("bytes", "integer", "B", "Length as it is kept."),
-    Column("received_sha256", "word", meaning="SHA-256 of the bytes that the phone sent."),
+    Column("media_type", "word", "Of the bytes as they are kept."),
+    Column("width_px", "integer", "Of the upright picture; 0: a voice note.", "px"),
+    Column("height_px", "integer", "Of the upright picture; 0: a voice note.", "px"),
+    Column("bytes", "integer", "Length as it is kept.", "B"),
+    Column("received_sha256", "word", "SHA-256 of the bytes that the phone sent."),
     Column(
         "stored_sha256",
         "word",
-        meaning="SHA-256 of the bytes that are kept: others where the location was cut out.",
+        "SHA-256 of the bytes that are kept: others where the location was cut out.",
     ),
-    Column("received_at", "instant", meaning="When it arrived at the server."),
-    Column("erased", "boolean", meaning="Whether the picture was erased (retention, withdrawal)."),
-    Column("erased_at", "instant", meaning="When it was erased.", empty="It is there."),
+    Column("received_at", "instant", "When it arrived at the server."),
+    Column("erased", "boolean", "Whether the picture was erased (retention, withdrawal)."),
+    Column("erased_at", "instant", "When it was erased.", empty="It is there."),
     Column(
         "path",
         "word",
-        meaning="Path of the picture, re-encoded as JPEG (docs/limits.md), or of a map or voice note as kept.",
+        "Path of the picture, re-encoded as JPEG (docs/limits.md), or of a map or voice note as kept.",
         empty="It was erased.",
     ),
 )
@@ -92,30 +84,28 @@ UNKNOWN = "Nobody has entered it, or it was erased with the profile."
 NO_MEALS = "There are no meals."
 
 PROFILE = (
-    Column("sex", "word", meaning="The participant's sex.", values=SEXES, empty=UNKNOWN),
+    Column("sex", "word", "The participant's sex.", values=SEXES, empty=UNKNOWN),
     Column(
         "age_years",
         "integer",
-        "a",
         "Age reached in the year of study day 1, or of the first phone's enrolment if there is no day 1 yet.",
+        "a",
         empty="The year of birth is not known, or there is neither a day 1 nor a phone.",
     ),
-    Column("height_cm", "number", "cm", "Height.", empty=UNKNOWN),
+    Column("height_cm", "number", "Height.", "cm", empty=UNKNOWN),
     Column(
-        "weight_kg", "number", "kg", "Weight; in pregnancy, the weight before it.", empty=UNKNOWN
+        "weight_kg", "number", "Weight; in pregnancy, the weight before it.", "kg", empty=UNKNOWN
     ),
-    Column("activity", "word", meaning="Physical activity.", values=ACTIVITIES, empty=UNKNOWN),
-    Column("is_pregnant", "boolean", meaning="Whether the participant is pregnant.", empty=UNKNOWN),
-    Column("trimester", "integer", meaning="Trimester of the pregnancy, 1 to 3.", empty=UNKNOWN),
-    Column(
-        "is_lactating", "boolean", meaning="Whether the participant is lactating.", empty=UNKNOWN
-    ),
-    Column("lactation_months", "integer", meaning="Completed months since birth.", empty=UNKNOWN),
+    Column("activity", "word", "Physical activity.", values=ACTIVITIES, empty=UNKNOWN),
+    Column("is_pregnant", "boolean", "Whether the participant is pregnant.", empty=UNKNOWN),
+    Column("trimester", "integer", "Trimester of the pregnancy, 1 to 3.", empty=UNKNOWN),
+    Column("is_lactating", "boolean", "Whether the participant is lactating.", empty=UNKNOWN),
+    Column("lactation_months", "integer", "Completed months since birth.", empty=UNKNOWN),
 )
 MEALS = (
-    Column("meals", "integer", meaning="Meals of the participant."),
-    Column("first_meal_on", "day", meaning="The first local day with a meal.", empty=NO_MEALS),
-    Column("last_meal_on", "day", meaning="The last local day with a meal.", empty=NO_MEALS),
+    Column("meals", "integer", "Meals of the participant."),
+    Column("first_meal_on", "day", "The first local day with a meal.", empty=NO_MEALS),
+    Column("last_meal_on", "day", "The last local day with a meal.", empty=NO_MEALS),
 )
 PARTICIPANT_COLUMNS = (
     STUDY,
@@ -124,124 +114,106 @@ PARTICIPANT_COLUMNS = (
     Column(
         "starts_on",
         "day",
-        meaning="The local day that is study day 1.",
+        "The local day that is study day 1.",
         empty="It is that of the first meal.",
     ),
-    Column("arm", "word", meaning="The study's arm that they are in.", empty="None was set."),
-    Column("visit", "word", meaning="The visit that they are at.", empty="None was set."),
+    Column("arm", "word", "The study's arm that they are in.", empty="None was set."),
+    Column("visit", "word", "The visit that they are at.", empty="None was set."),
     Column(
-        "excluded",
-        "word",
-        meaning="Why their data are left out of the analysis.",
-        empty="They are not.",
+        "excluded", "word", "Why their data are left out of the analysis.", empty="They are not."
     ),
     Column(
         "enrolled_at",
         "instant",
-        meaning="When the first phone was enrolled.",
+        "When the first phone was enrolled.",
         empty="No phone was enrolled.",
     ),
     Column(
-        "withdrawn_at",
-        "instant",
-        meaning="When the participant left the study.",
-        empty="They are in it.",
+        "withdrawn_at", "instant", "When the participant left the study.", empty="They are in it."
     ),
     *MEALS,
 )
 
 
 def _hash(name: str, meaning: str) -> Column:
-    return Column(name, "word", meaning=meaning, empty=NO_PHOTOGRAPH)
+    return Column(name, "word", meaning, empty=NO_PHOTOGRAPH)
 
 
 WHOSE = (STUDY, PARTICIPANT)
 WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
 ARRIVAL = (
-    Column("received_at", "instant", meaning="When the first of it arrived at the server."),
+    Column("received_at", "instant", "When the first of it arrived at the server."),
     UPLOAD_DELAY,
 )
 DAY = (DAY_STATUS, STUDY_DAY)
 STANDING = (
-    Column("status", "word", meaning="Where the meal stands.", values=MEAL_STATUSES),
+    Column("status", "word", "Where the meal stands.", values=MEAL_STATUSES),
     Column(
         "origin",
         "word",
-        meaning="Whether it was photographed, or told without photographs.",
+        "Whether it was photographed, or told without photographs.",
         values=MEAL_ORIGINS,
     ),
     Column(
         "failure_code",
         "word",
-        meaning="Why it could not be measured (docs/errors.md).",
+        "Why it could not be measured (docs/errors.md).",
         empty="It has not failed.",
     ),
     Column(
         "after_status",
         "word",
-        meaning="Where its after-meal pair stands.",
+        "Where its after-meal pair stands.",
         values=AFTER_STATUSES,
         empty="There is none.",
     ),
-    Column(
-        "provisional",
-        "boolean",
-        meaning="Whether an after-meal pair may still change what was eaten.",
-    ),
+    Column("provisional", "boolean", "Whether an after-meal pair may still change what was eaten."),
 )
 FOODS = (
     Column(
-        "food_keys",
-        "words",
-        meaning="Keys of the foods of its records that hold, in the items' order.",
+        "food_keys", "words", "Keys of the foods of its records that hold, in the items' order."
     ),
-    Column("flags", "words", meaning="Flags of its records that hold, each once."),
+    Column("flags", "words", "Flags of its records that hold, each once."),
 )
 COUNTS = (
-    Column("items", "integer", None, "Records that hold (not rejected)."),
+    Column("items", "integer", "Records that hold (not rejected)."),
     Column(
         "unmeasured_items",
         "integer",
-        None,
         "Of these, those whose eaten grams are not known: not in the sums.",
     ),
-    Column("unreviewed_items", "integer", None, "Of these, those that need a reviewer's look."),
+    Column("unreviewed_items", "integer", "Of these, those that need a reviewer's look."),
     Column(
         "doubt",
         "number",
-        "1",
         "The greatest doubt of its records, 0 to 1 (docs/review.md).",
+        "1",
         empty="It has no items.",
     ),
-    Column("version", "integer", None, "Grows with every change of the meal."),
+    Column("version", "integer", "Grows with every change of the meal."),
     Column(
         "consumed_g",
         "number",
-        "g",
         "Edible grams eaten, summed over records that hold.",
+        "g",
         empty=NO_SUM,
     ),
 )
 SUMS = headline_sums(NO_SUM)
 MEAL_RUN = (
-    Column(
-        "run_id",
-        "id",
-        meaning="The newest run of the pipeline on the meal's own pair.",
-        empty=NO_RUN,
-    ),
-    Column("method", "word", meaning="The run's method of measuring volumes.", empty=NO_RUN),
-    Column("pipeline_version", "word", meaning="The run's version of the pipeline.", empty=NO_RUN),
+    Column("run_id", "id", "The newest run of the pipeline on the meal's own pair.", empty=NO_RUN),
+    Column("method", "word", "The run's method of measuring volumes.", empty=NO_RUN),
+    Column("pipeline_version", "word", "The run's version of the pipeline.", empty=NO_RUN),
     Column(
         "marker",
         "word",
-        meaning="The board that the run looked for.",
+        "The board that the run looked for.",
         empty=f"{NO_RUN} Or a stereo rig, poses or a depth map gave the scale.",
     ),
     Column(
         "food_tables",
         "word",
-        meaning="The food tables in force at the run, `name version`, the first goes first; `; ` between them.",
+        "The food tables in force at the run, `name version`, the first goes first; `; ` between them.",
         empty=NO_RUN,
     ),
 )

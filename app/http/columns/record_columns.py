@@ -18,61 +18,56 @@ NO_CONSUMED = "Not known how much was eaten; of a rejected item: nothing counts.
 NO_CONTENT = "Not known: how much was eaten, or what the food table says of it. Never 0."
 NO_FOOD = "Nobody has said what it is."
 
-ITEM_ID = Column("id", "id", meaning="The item's id: the same in every export.")
-STUDY = Column("study", "word", meaning="The study's code.")
-PARTICIPANT = Column(
-    "participant", "word", meaning="The participant's pseudonymous code in the study."
-)
+ITEM_ID = Column("id", "id", "The item's id: the same in every export.")
+STUDY = Column("study", "word", "The study's code.")
+PARTICIPANT = Column("participant", "word", "The participant's pseudonymous code in the study.")
 MEAL_ID = Column(
-    "meal_id", "id", meaning="The meal's id, as its phone made it; unique for the participant."
+    "meal_id", "id", "The meal's id, as its phone made it; unique for the participant."
 )
-CAPTURED_AT = Column("captured_at", "instant", meaning="When it was eaten, in UTC.")
+CAPTURED_AT = Column("captured_at", "instant", "When it was eaten, in UTC.")
 CAPTURED_LOCAL = Column(
     "captured_local",
     "local time",
-    meaning="When it was eaten, by the clock there: captured_at in time_zone.",
+    "When it was eaten, by the clock there: captured_at in time_zone.",
 )
-TIME_ZONE = Column("time_zone", "word", meaning="The IANA time zone where it was eaten.")
+TIME_ZONE = Column("time_zone", "word", "The IANA time zone where it was eaten.")
 LOCAL_DATE = Column(
     "local_date",
     "day",
-    meaning="The local day that it counts for; a study may let its days begin after midnight.",
+    "The local day that it counts for; a study may let its days begin after midnight.",
 )
 UPLOAD_DELAY = Column(
     "upload_delay_seconds",
     "number",
-    "s",
     "From eating to the arrival of the meal's first part at the server.",
+    "s",
 )
 DAY_STATUS = Column(
     "day_status",
     "word",
-    meaning="closed: all that was eaten on the day is told. open: not so; leave it out of means.",
+    "closed: all that was eaten on the day is told. open: not so; leave it out of means.",
     values=DAY_STATUSES,
 )
 STUDY_DAY = Column(
     "study_day",
     "integer",
-    meaning="The day's number for the participant, 1 on their first day.",
+    "The day's number for the participant, 1 on their first day.",
     empty="No first day is known.",
 )
 FOOD_KEY = Column(
-    "food_key",
-    "word",
-    meaning="The food's key: the same through releases and versions.",
-    empty=NO_FOOD,
+    "food_key", "word", "The food's key: the same through releases and versions.", empty=NO_FOOD
 )
 CONSUMED_G = Column(
     "consumed_g",
     "number",
-    "g",
     "Edible grams eaten: (edible - left) x share. Signed: below 0 where more was left than served, within the error.",
+    "g",
     empty=NO_CONSUMED,
 )
 
 
 def _number(name: str, unit: str, meaning: str, empty: str) -> Column:
-    return Column(name, "number", unit, meaning, empty=empty)
+    return Column(name, "number", meaning, unit, empty=empty)
 
 
 AMOUNTS_OF_HEADLINES = tuple(
@@ -83,13 +78,11 @@ WHEN = (CAPTURED_AT, CAPTURED_LOCAL, TIME_ZONE, LOCAL_DATE)
 OF_MEAL = (MEAL_ID, STUDY, PARTICIPANT, *WHEN, UPLOAD_DELAY)
 OF_FOOD = (
     FOOD_KEY,
-    Column(
-        "food_name", "word", meaning="Its name in the version that the record holds.", empty=NO_FOOD
-    ),
+    Column("food_name", "word", "Its name in the version that the record holds.", empty=NO_FOOD),
     Column(
         "food_table",
         "word",
-        meaning="The food table's name and release that the food is of.",
+        "The food table's name and release that the food is of.",
         empty=NO_FOOD,
     ),
 )
@@ -97,24 +90,18 @@ STATE = (
     Column(
         "status",
         "word",
-        meaning="What people have made of it. rejected: it counts for nothing. needs_review: an amount is missing.",
+        "What people have made of it. rejected: it counts for nothing. needs_review: an amount is missing.",
         values=RECORD_STATUSES,
     ),
     Column(
         "origin",
         "word",
-        meaning="Where the item comes from: seen by the pipeline, declared, or made by a person.",
+        "Where the item comes from: seen by the pipeline, declared, or made by a person.",
         values=ORIGINS,
     ),
+    Column("provisional", "boolean", "Whether an after-meal pair may still change what was eaten."),
     Column(
-        "provisional",
-        "boolean",
-        meaning="Whether an after-meal pair may still change what was eaten.",
-    ),
-    Column(
-        "reviewed",
-        "boolean",
-        meaning="Whether a reviewer has had the last word, and the amount is known.",
+        "reviewed", "boolean", "Whether a reviewer has had the last word, and the amount is known."
     ),
 )
 VOLUME = (
@@ -141,8 +128,8 @@ AMOUNTS = (
     Column(
         "share",
         "number",
-        "1",
         "The participant's share of a dish that several persons eat from; 1: all.",
+        "1",
     ),
     _number(
         "left_g",
@@ -160,50 +147,44 @@ FOOD_VERSION = (
     Column(
         "food_version",
         "integer",
-        meaning="The food's version in its table's release: above 1, it was corrected.",
+        "The food's version in its table's release: above 1, it was corrected.",
         empty=NO_FOOD,
     ),
 )
 NO_RUN = "No run measured it: it was told by a person, or waits to be measured."
 OF_RUN = (
     Column(
-        "run_id",
-        "id",
-        meaning="The run of the pipeline that measured the item as it stands.",
-        empty=NO_RUN,
+        "run_id", "id", "The run of the pipeline that measured the item as it stands.", empty=NO_RUN
     ),
-    Column("method", "word", meaning="The run's method of measuring volumes.", empty=NO_RUN),
-    Column("pipeline_version", "word", meaning="The run's version of the pipeline.", empty=NO_RUN),
+    Column("method", "word", "The run's method of measuring volumes.", empty=NO_RUN),
+    Column("pipeline_version", "word", "The run's version of the pipeline.", empty=NO_RUN),
 )
 OF_WEIGHING = (
     Column(
         "food_said_by",
         "word",
-        meaning="Who said what it is: the server by itself or by the phone's hint (automatic), or a person.",
+        "Who said what it is: the server by itself or by the phone's hint (automatic), or a person.",
         values=LAYERS,
         empty=NO_FOOD,
     ),
     Column(
-        "density_basis",
-        "word",
-        meaning="What kind of figure the density is.",
-        empty="No density was used.",
+        "density_basis", "word", "What kind of figure the density is.", empty="No density was used."
     ),
     Column(
         "density_sd_g_per_ml",
         "number",
-        "g/ml",
         "The density's spread (one sd).",
+        "g/ml",
         empty="No density was used.",
     ),
-    Column("edible_share", "number", "1", "Edible grams a gram as served.", empty=NO_FOOD),
+    Column("edible_share", "number", "Edible grams a gram as served.", "1", empty=NO_FOOD),
 )
 DOUBT = (
     Column(
         "doubt",
         "number",
-        "1",
         "The review queue's order, 0 to 1 (docs/review.md): how much a look at it would tell. 0: it was rejected.",
+        "1",
     ),
 )
 
@@ -213,19 +194,17 @@ RECORD_COLUMNS = (
     *STATE,
     *OF_FOOD,
     *VOLUME,
-    Column(
-        "density_source", "word", meaning="Who measured the density.", empty="No density was used."
-    ),
+    Column("density_source", "word", "Who measured the density.", empty="No density was used."),
     *AMOUNTS,
     Column(
         "flags",
         "words",
-        meaning="Causes of doubt that are known by name (docs/flags.md, docs/after-meal.md).",
+        "Causes of doubt that are known by name (docs/flags.md, docs/after-meal.md).",
     ),
     Column(
         "change_seq",
         "integer",
-        meaning="Grows with each change of the study: what is new has a larger one.",
+        "Grows with each change of the study: what is new has a larger one.",
     ),
     DAY_STATUS,
     STUDY_DAY,
