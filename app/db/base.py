@@ -81,6 +81,8 @@ class Base(DeclarativeBase):
         dict[str, Any]: JsonValue,
         dict[str, str]: JsonValue,
         dict[str, float]: JsonValue,
+        dict[str, int]: JsonValue,
+        dict[str, object]: JsonValue,
         dict[str, list[object]]: JsonValue,
         list[Any]: JsonValue,
         list[str]: JsonValue,

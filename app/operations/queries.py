@@ -233,13 +233,8 @@ def newest_photographs(session: Session, limit: int) -> list[tuple[str, str]]:
 
 def failing_deliveries(session: Session, least_attempts: int) -> int:
     """Return the number of waiting deliveries with at least this many failed attempts."""
-    rows = (
-        sa.select(sa.literal(1))
-        .where(WebhookDelivery.state == "waiting", WebhookDelivery.attempts >= least_attempts)
-        .limit(COUNTED_AT_MOST)
-        .subquery()
-    )
-    return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0
+    delivery = WebhookDelivery
+    return _count(session, delivery.state == "waiting", delivery.attempts >= least_attempts)
 
 
 def a_sealed_secret(session: Session) -> str | None:
@@ -251,10 +246,4 @@ def a_sealed_secret(session: Session) -> str | None:
 
 def deletions_before(session: Session, before: datetime) -> int:
     """Return the number of blobs whose deletion was requested before this time and is still pending."""
-    rows = (
-        sa.select(sa.literal(1))
-        .where(BlobDeletion.requested_at < before)
-        .limit(COUNTED_AT_MOST)
-        .subquery()
-    )
-    return session.scalar(sa.select(sa.func.count()).select_from(rows)) or 0
+    return _count(session, BlobDeletion.requested_at < before)

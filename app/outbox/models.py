@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonValue, Personal, one_of
+from app.db.base import Base, Personal, one_of
 from app.db.columns import MealRef, ParticipantRef, Str200, Str300, Str500, StudyRef, UuidKey
 
 DeliveryState = Literal["waiting", "delivered", "given_up"]
@@ -60,7 +60,7 @@ class WebhookDelivery(Base):
     id: Mapped[UuidKey]
     webhook_id: Mapped[uuid.UUID] = mapped_column(sa.ForeignKey("webhook.id"))
     event: Mapped[DeliveredEvent] = mapped_column(sa.String(64))
-    payload: Mapped[dict[str, object]] = mapped_column(JsonValue)
+    payload: Mapped[dict[str, object]]
     meal_id: Mapped[MealRef | None] = mapped_column(index=True)
     participant_id: Mapped[ParticipantRef | None] = mapped_column(index=True)
     state: Mapped[DeliveryState] = mapped_column(sa.String(16))

@@ -124,8 +124,8 @@ class Study(Base):
     day_starts_minutes: Mapped[int] = mapped_column(default=0)
     shares_index: Mapped[bool] = mapped_column(default=False)
     identifies_by_context: Mapped[bool] = mapped_column(default=True, server_default=sa.true())
-    web_origins: Mapped[list[str] | None] = mapped_column(JsonValue)
-    reminder_times: Mapped[list[str] | None] = mapped_column(JsonValue)
+    web_origins: Mapped[list[str] | None]
+    reminder_times: Mapped[list[str] | None]
     is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     double_review: Mapped[dict[str, Any] | None]
     version: Mapped[int] = mapped_column(default=1)
@@ -322,7 +322,7 @@ class PushSubscription(Base):
     endpoint: Mapped[Str500]
     public_key: Mapped[Str100]
     auth: Mapped[str] = mapped_column(sa.String(40))
-    times: Mapped[list[str] | None] = mapped_column(JsonValue)
+    times: Mapped[list[str] | None]
     after_meal: Mapped[bool]
     time_zone: Mapped[Str64]
     quiet_from_minutes: Mapped[int]

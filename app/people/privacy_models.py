@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
-from app.db.base import Base, JsonValue, index_where, one_of
+from app.db.base import Base, index_where, one_of
 from app.db.columns import BigInt, IntKey, Str16, Str32, Str64, Str200, Str300, StudyRef, UuidKey
 
 ActorKind = Literal["staff", "device", "system"]
@@ -44,7 +44,7 @@ class AuditEvent(Base):
     action: Mapped[Str64]  # such as "photograph.read", "study.change"
     # alias or id of the person or object concerned
     subject: Mapped[Str200 | None]
-    details: Mapped[dict[str, object]] = mapped_column(JsonValue)
+    details: Mapped[dict[str, object]]
     request_id: Mapped[Str32 | None]
 
     __table_args__ = (
@@ -95,7 +95,7 @@ class ErasureReceipt(Base):
     study_id: Mapped[StudyRef] = mapped_column(index=True)
     what: Mapped[ErasedKind] = mapped_column(sa.String(16))
     policy: Mapped[ErasurePolicy] = mapped_column(sa.String(16))
-    counts: Mapped[dict[str, int]] = mapped_column(JsonValue)
+    counts: Mapped[dict[str, int]]
     erased_at: Mapped[datetime]
 
     __table_args__ = (one_of("what", ERASED_KINDS),)

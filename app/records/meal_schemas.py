@@ -36,23 +36,15 @@ from app.photos.slots import (
     confidence_slot,
     depth_slot,
 )
-from app.records.schemas import Pixel, Polygon
+from app.records.schemas import PlaceIn
 from app.vision.photograph.depth_camera import DEFAULT_UNIT_MM
 
 MAX_HINTS = 20
 
 
-class HintIn(ClosedModel):
+class HintIn(PlaceIn):
     """Where a food is in the left photograph, upright pixels, and what it is. One of point, box, polygon, or none."""
 
-    point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
-    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
-        default=None, description="x, y, width, height"
-    )
-    polygon: Polygon | None = Field(
-        default=None,
-        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
-    )
     food: Text | None = Field(
         default=None, min_length=1, max_length=100, description="A food's key (GET /v1/foods)."
     )

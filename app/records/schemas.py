@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, Discriminator, Field, Tag
 
 from app.foods.schemas import FoodRef
+from app.http.closed_model import ClosedModel
 from app.http.columns.record_columns import AMOUNTS_OF_HEADLINES
 from app.http.field_descriptions import CHANGE_SEQ, FLAGS, FOOD, RECORD, with_numbers
 from app.http.page_of import PageOf
@@ -59,6 +60,19 @@ Polygon = Annotated[
         "`polygon` is given, holes by the even-odd rule."
     ),
 ]
+
+
+class PlaceIn(ClosedModel):
+    """Where a food is in the left photograph, upright pixels."""
+
+    point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
+    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
+        default=None, description="x, y, width, height"
+    )
+    polygon: Polygon | None = Field(
+        default=None,
+        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
+    )
 
 
 @with_numbers(AMOUNTS_OF_HEADLINES)

@@ -270,7 +270,7 @@ class ItemCandidate(Base):
     probability: Mapped[float | None]
     source: Mapped[CandidateSource] = mapped_column(sa.String(16))
     run_id: Mapped[RunRef | None] = mapped_column(index=True)
-    reasons: Mapped[list[str] | None] = mapped_column(JsonValue)
+    reasons: Mapped[list[str] | None]
 
 
 class ItemFood(Base):

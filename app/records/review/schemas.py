@@ -12,7 +12,7 @@ from app.http.page_of import PageOf
 from app.http.text_schemas import Number, Text
 from app.meals.stored.event_models import EventKind, Layer
 from app.nutrition.foods import FoodForm
-from app.records.schemas import Pixel, Polygon
+from app.records.schemas import PlaceIn, Polygon
 from app.vision.hand_form import HandSection
 
 SHARES_SUM = 0.005  # how far off 1 the shares of a split may be: three thirds of 0.333
@@ -75,17 +75,8 @@ class AmountIn(ClosedModel):
         return self
 
 
-class RegionIn(ClosedModel):
+class RegionIn(PlaceIn):
     """Where a food is in the left photograph, upright pixels: one of point, box and polygon."""
-
-    point: tuple[Pixel, Pixel] | None = Field(default=None, description="x, y")
-    box: tuple[Pixel, Pixel, Pixel, Pixel] | None = Field(
-        default=None, description="x, y, width, height"
-    )
-    polygon: Polygon | None = Field(
-        default=None,
-        description="Corners [x, y] of its outline, or a list of such rings with holes by the even-odd rule.",
-    )
 
     @model_validator(mode="after")
     def _one_place(self) -> "RegionIn":
