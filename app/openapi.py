@@ -81,8 +81,7 @@ IF_NONE_MATCH = {
     "name": "If-None-Match",
     "in": "header",
     "required": False,
-    "description": "The ETag of what is there already: 304 if it has not changed.",
-    "schema": {"type": "string"},
+    **_text("The ETag of what is there already: 304 if it has not changed."),
 }
 LOCATED = frozenset(
     {

@@ -13,6 +13,7 @@ from app.exports.export_spec import Components, ExportSpec, Layout, Rows
 from app.http.file_formats import FORMATS, OF_PLACES, Output, asked_format
 from app.http.paging import require_order
 from app.http.parameters import FirstDay, LastDay, OfParticipant, OfStudy
+from app.http.problems import Responses, problem_responses
 from app.http.ranges import ClosingStream
 from app.http.row_filter import RowFilter
 from app.http.state import ApiState
@@ -45,6 +46,12 @@ ProvenanceIn = Annotated[
 FoodKey = Annotated[str, StringConstraints(max_length=100)]
 Code = Annotated[str, StringConstraints(max_length=64, pattern="^[a-z0-9_]+$")]
 MOST_VALUES = 10  # of one filter: each needs its own index lookup
+
+
+def page_or_file(content: dict[str, object], *problems: int) -> Responses:
+    """Return the responses of a list that also is a file. content: media types."""
+    answer = {"content": content, "description": "A page, or all rows as a file."}
+    return {200: answer, **problem_responses(*problems)}
 
 
 def stored_file_responses(content: dict[str, object]) -> dict[int | str, dict[str, object]]:

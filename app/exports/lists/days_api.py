@@ -24,6 +24,7 @@ from app.exports.export_files import (
     LayoutIn,
     answer_file,
     file_spec,
+    page_or_file,
 )
 from app.exports.known_filters import require_known
 from app.exports.lists.day_values import day_values
@@ -125,10 +126,7 @@ def put_day_of_participant(
 @router.get(
     "/days",
     response_model=DaySummaryPage,
-    responses={
-        200: {"content": FILES, "description": "A page, or all rows as a file."},
-        **problem_responses(404, 503),
-    },
+    responses=page_or_file(FILES, 404, 503),
 )
 def get_days(
     request: Request,

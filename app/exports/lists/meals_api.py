@@ -18,6 +18,7 @@ from app.exports.export_files import (
     answer_file,
     file_spec,
     meal_filter,
+    page_or_file,
 )
 from app.exports.known_filters import require_known
 from app.exports.lists.list_meals import (
@@ -56,10 +57,7 @@ MealVersion = Annotated[
 @router.get(
     "/meals",
     response_model=MealPage,
-    responses={
-        200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
-        **problem_responses(422, 503),
-    },
+    responses=page_or_file(FILES_WITH_PLACES, 422, 503),
 )
 def get_meals(
     request: Request,

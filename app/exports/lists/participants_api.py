@@ -3,11 +3,10 @@
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.exports.export_files import FILES, Format, answer_file, file_spec
+from app.exports.export_files import FILES, Format, answer_file, file_spec, page_or_file
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit
 from app.http.parameters import StudyCode
-from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
 from app.people.access.deps import CurrentStaff, State
 from app.people.participants import list_participants
@@ -19,10 +18,7 @@ router = APIRouter(prefix="/v1/studies", tags=["participants"])
 @router.get(
     "/{study}/participants",
     response_model=ParticipantList,
-    responses={
-        200: {"content": FILES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 403, 404, 422, 503),
-    },
+    responses=page_or_file(FILES, 401, 403, 404, 422, 503),
 )
 def get_participants(
     request: Request,

@@ -5,14 +5,13 @@ from typing import cast
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from app.exports.export_files import FILES, Format, answer_file, day_filter, file_spec
+from app.exports.export_files import FILES, Format, answer_file, day_filter, file_spec, page_or_file
 from app.exports.known_filters import require_known
 from app.exports.lists.list_photographs import ListedPhotograph, list_photographs
 from app.exports.lists.photograph_schemas import PhotographOut, PhotographPage
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit
 from app.http.parameters import FirstDay, LastDay, OfParticipant, StudyCode
-from app.http.problems import problem_responses
 from app.people.access.deps import CurrentStaff, State
 from app.photos.slots import ImageSlot
 
@@ -22,10 +21,7 @@ router = APIRouter(prefix="/v1/studies", tags=["meals"])
 @router.get(
     "/{study}/photographs",
     response_model=PhotographPage,
-    responses={
-        200: {"content": FILES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 403, 404, 422, 503),
-    },
+    responses=page_or_file(FILES, 401, 403, 404, 422, 503),
 )
 def get_photographs(
     request: Request,

@@ -13,13 +13,13 @@ from app.exports.export_files import (
     ProvenanceIn,
     answer_file,
     file_spec,
+    page_or_file,
     record_filter,
 )
 from app.exports.known_filters import require_known
 from app.exports.lists.list_records import list_records
 from app.http.model_response import ModelResponse
 from app.http.paging import Cursor, Limit
-from app.http.problems import problem_responses
 from app.http.row_filter import RowFilter
 from app.people.access.deps import CurrentCaller, State
 from app.records.render import render_record
@@ -31,10 +31,7 @@ router = APIRouter(prefix="/v1/records", tags=["records"])
 @router.get(
     "",
     response_model=RecordPage,
-    responses={
-        200: {"content": FILES_WITH_PLACES, "description": "A page, or all rows as a file."},
-        **problem_responses(401, 404, 422, 503),
-    },
+    responses=page_or_file(FILES_WITH_PLACES, 401, 404, 422, 503),
 )
 def get_records(
     request: Request,
