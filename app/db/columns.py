@@ -1,4 +1,4 @@
-"""Types of columns for `Mapped[…]`: texts by their greatest length, keys, references to other tables.
+"""Types of columns for `Mapped[…]`: texts by their greatest length, keys, versions, references to tables.
 
 A column's own `mapped_column(…)` adds to these (an index, a default); `| None` makes it nullable.
 """
@@ -18,6 +18,7 @@ Str200 = Annotated[str, mapped_column(sa.String(200))]
 Str300 = Annotated[str, mapped_column(sa.String(300))]
 Str500 = Annotated[str, mapped_column(sa.String(500))]
 LongStr = Annotated[str, mapped_column(sa.Text)]
+Version = Annotated[int, mapped_column(default=1)]
 BigInt = Annotated[int, mapped_column(sa.BigInteger)]
 
 IntKey = Annotated[int, mapped_column(primary_key=True)]

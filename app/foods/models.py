@@ -26,6 +26,7 @@ from app.db.columns import (
     Str300,
     StudyRef,
     UuidKey,
+    Version,
 )
 from app.nutrition.foods import (
     DENSITY_KINDS,
@@ -92,7 +93,7 @@ class Food(Base):
     id: Mapped[IntKey]
     release_id: Mapped[int] = mapped_column(sa.ForeignKey("food_release.id"))
     key: Mapped[Str100]
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     name: Mapped[Str300]
     aliases: Mapped[list[str]]
     food_group: Mapped[Str100]

@@ -233,8 +233,11 @@ def newest_photographs(session: Session, limit: int) -> list[tuple[str, str]]:
 
 def failing_deliveries(session: Session, least_attempts: int) -> int:
     """Return the number of waiting deliveries with at least this many failed attempts."""
-    delivery = WebhookDelivery
-    return _count(session, delivery.state == "waiting", delivery.attempts >= least_attempts)
+    return _count(
+        session,
+        WebhookDelivery.state == "waiting",
+        WebhookDelivery.attempts >= least_attempts,
+    )
 
 
 def a_sealed_secret(session: Session) -> str | None:

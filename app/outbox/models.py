@@ -8,7 +8,16 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, Personal, one_of
-from app.db.columns import MealRef, ParticipantRef, Str200, Str300, Str500, StudyRef, UuidKey
+from app.db.columns import (
+    MealRef,
+    ParticipantRef,
+    Str200,
+    Str300,
+    Str500,
+    StudyRef,
+    UuidKey,
+    Version,
+)
 
 DeliveryState = Literal["waiting", "delivered", "given_up"]
 DELIVERY_STATES: tuple[DeliveryState, ...] = get_args(DeliveryState)
@@ -43,7 +52,7 @@ class Webhook(Base):
     events: Mapped[list[str]]
     secret_sealed: Mapped[Str300]
     author: Mapped[Str200]
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     created_at: Mapped[datetime]
     disabled_at: Mapped[datetime | None]
 

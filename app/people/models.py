@@ -20,6 +20,7 @@ from app.db.columns import (
     Str500,
     StudyRef,
     UuidKey,
+    Version,
 )
 from app.people.profiles import Profile
 
@@ -128,7 +129,7 @@ class Study(Base):
     reminder_times: Mapped[list[str] | None]
     is_sandbox: Mapped[bool] = mapped_column(default=False, server_default=sa.false())
     double_review: Mapped[dict[str, Any] | None]
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     change_seq: Mapped[BigInt] = mapped_column(default=0)
     created_at: Mapped[datetime]
 

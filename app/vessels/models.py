@@ -7,7 +7,7 @@ import sqlalchemy as sa
 from sqlalchemy.orm import Mapped, mapped_column
 
 from app.db.base import Base, one_of
-from app.db.columns import Str100, Str200, Str300, StudyRef, UuidKey
+from app.db.columns import Str100, Str200, Str300, StudyRef, UuidKey, Version
 from app.vision.vessel_library import VESSEL_KINDS, VesselKind
 
 
@@ -26,7 +26,7 @@ class StudyVessel(Base):
     name: Mapped[Str100]
     # folding case makes three characters of one at the most
     name_key: Mapped[Str300]
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     created_at: Mapped[datetime]
 
     __table_args__ = (sa.Index(None, "study_id", "name_key", unique=True),)

@@ -147,10 +147,9 @@ def get_days(
     page = day_summaries.list_day_summaries(
         state.database, caller, chosen, cursor=cursor, limit=limit
     )
-    body = DaySummaryPage.of(
-        request, page, lambda day: DaySummaryOut.model_validate(day_values(day))
+    return ModelResponse(
+        DaySummaryPage.of(request, page, lambda day: DaySummaryOut.model_validate(day_values(day)))
     )
-    return ModelResponse(body)
 
 
 @router.get("/studies/{study}/intakes", responses=problem_responses(404))

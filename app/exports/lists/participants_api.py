@@ -34,7 +34,8 @@ def get_participants(
     if spec is not None:
         return answer_file(state, caller, spec)
     page = list_participants(state.database, study, cursor=cursor, limit=limit)
-    body = ParticipantList.of(
-        request, page, lambda row: ParticipantRow.model_validate(row, from_attributes=True)
+    return ModelResponse(
+        ParticipantList.of(
+            request, page, lambda row: ParticipantRow.model_validate(row, from_attributes=True)
+        )
     )
-    return ModelResponse(body)

@@ -25,6 +25,7 @@ from app.db.columns import (
     Str200,
     StudyRef,
     UuidKey,
+    Version,
 )
 
 Layer = Literal[
@@ -118,7 +119,7 @@ class DiaryDay(Base):
     study_id: Mapped[StudyRef]
     status: Mapped[DayStatus] = mapped_column(sa.String(16))
     ate_nothing: Mapped[bool]
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     changed_at: Mapped[datetime]
     change_seq: Mapped[BigInt]
 

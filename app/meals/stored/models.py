@@ -22,6 +22,7 @@ from app.db.columns import (
     Str200,
     StudyRef,
     UuidKey,
+    Version,
 )
 from app.meals.stored.outline_json import Polygon
 from app.people.models import CameraDetails, PinholeDetails, RigDetails
@@ -180,7 +181,7 @@ class Meal(Base):
     after_failure_advice: Mapped[LongStr | None]
     after_due_at: Mapped[datetime | None] = mapped_column(index=True)
     leftovers: Mapped[list[PieceDetails]] = mapped_column(JsonValue, default=list, deferred=True)
-    version: Mapped[int] = mapped_column(default=1)
+    version: Mapped[Version]
     received_at: Mapped[datetime]
     submitted_at: Mapped[datetime | None]
 
