@@ -31,18 +31,19 @@ def get_study_changes(
     """Records and days that changed or were erased since the previous page, without gaps."""
     page = list_changes(state.database, study, cursor=cursor, limit=limit)
     rows = [change.row for change in page.rows]
-    body = ChangePage(
-        records=[
-            RecordOfItem.model_validate(render_record(row), from_attributes=True)
-            for row in rows
-            if isinstance(row, RecordRow)
-        ],
-        days=[_changed_day(row) for row in rows if isinstance(row, ChangedDay)],
-        erased=[_erased(row) for row in rows if isinstance(row, Tombstone)],
-        next=next_page(request, page.cursor) or "",
-        has_more=page.has_more,
+    return ModelResponse(
+        ChangePage(
+            records=[
+                RecordOfItem.model_validate(render_record(row), from_attributes=True)
+                for row in rows
+                if isinstance(row, RecordRow)
+            ],
+            days=[_changed_day(row) for row in rows if isinstance(row, ChangedDay)],
+            erased=[_erased(row) for row in rows if isinstance(row, Tombstone)],
+            next=next_page(request, page.cursor) or "",
+            has_more=page.has_more,
+        )
     )
-    return ModelResponse(body)
 
 
 def _changed_day(row: ChangedDay) -> ChangedDayOut:
