@@ -6,7 +6,7 @@ every user of the machine could read.
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,6 +15,7 @@ from app.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from app.people.access.access_tokens import EndedAccess
+    from app.people.access.staff import StaffChange
 
 admin_cli = typer.Typer(no_args_is_help=True, help="People who run the server.")
 staff_cli = typer.Typer(no_args_is_help=True, help="People who sign in with a password.")
@@ -63,14 +64,18 @@ def staff_create(
 @staff_cli.command("password")
 def staff_password(name: str, password_file: PasswordFile = None) -> None:
     """Set a new password for a staff member; their sessions and personal tokens end."""
-    ended = _change(name, password=read_password(password_file))
+    from app.people.access.staff import StaffChange
+
+    ended = _change(name, StaffChange(password=read_password(password_file)))
     print(f"{name} has a new password.{ended.sentence}")
 
 
 @staff_cli.command("totp-off")
 def staff_totp_off(name: str) -> None:
     """Ask a staff member who lost their phone for no more codes; the password is still needed."""
-    _change(name, ends_totp=True)
+    from app.people.access.staff import StaffChange
+
+    _change(name, StaffChange(ends_totp=True))
     print(f"{name} can sign in without a code.")
 
 
@@ -80,14 +85,18 @@ def staff_disable(name: str) -> None:
 
     The last admin cannot be disabled.
     """
-    ended = _change(name, is_disabled=True)
+    from app.people.access.staff import StaffChange
+
+    ended = _change(name, StaffChange(is_disabled=True))
     print(f"{name} is disabled.{ended.sentence}")
 
 
 @staff_cli.command("enable")
 def staff_enable(name: str) -> None:
     """Let a disabled staff member sign in again."""
-    _change(name, is_disabled=False)
+    from app.people.access.staff import StaffChange
+
+    _change(name, StaffChange(is_disabled=False))
     print(f"{name} can sign in again.")
 
 
@@ -127,10 +136,9 @@ def read_password(path: Path | None) -> str:
         raise InvalidInputError(f"{path} is not UTF-8 text.") from None
 
 
-def _change(name: str, **fields: Any) -> "EndedAccess":
-    """Change a staff member. fields: of StaffChange."""
+def _change(name: str, change: "StaffChange") -> "EndedAccess":
     from app.people.access.passwords import Passwords
-    from app.people.access.staff import StaffChange, change_staff
+    from app.people.access.staff import change_staff
 
     with opened_database() as database:
-        return change_staff(database, Passwords(), name, StaffChange(**fields)).ended
+        return change_staff(database, Passwords(), name, change).ended
