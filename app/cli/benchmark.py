@@ -135,7 +135,10 @@ def summary(name: str, foods: Sequence[WeighedFood]) -> Summary:
 
 
 def _drawn_again(meals: Sequence[Sequence[float]]) -> tuple[float, float, float]:
-    """Return the mean over all meals' foods, per cent, and its 95 % interval (bootstrap, Efron 1979)."""
+    """Return the mean over all meals' foods, per cent, and its 95 % interval.
+
+    By the bootstrap (Efron, 1979).
+    """
     random_ = random.Random(0)  # noqa: S311  # draws the same meals each time
     means = sorted(_mean(random_.choices(meals, k=len(meals))) for _ in range(DRAWS))
     return _mean(meals), means[TAIL], means[-TAIL - 1]

@@ -72,7 +72,8 @@ class Settings(BaseSettings):
     secret_key: SecretStr | None = Field(
         default=None,
         min_length=32,
-        description="Seals secrets of webhooks and codes, keys the erasures' ledger; on SQLite generated in data_dir.",
+        description="Seals secrets of webhooks and codes, keys the erasures' ledger; "
+        "on SQLite generated in data_dir.",
     )
 
     host: str = Field(default="127.0.0.1", description="Address that `tada serve` listens on.")

@@ -97,7 +97,10 @@ def one_of(column: str, values: tuple[str, ...]) -> sa.CheckConstraint:
 
 
 def index_where(name: str | None, *columns: str, where: str, unique: bool = False) -> sa.Index:
-    """Return an index of the rows for which a condition holds. where: with {yes} and {no} for booleans."""
+    """Return an index of the rows for which a condition holds.
+
+    where: the condition, with {yes} and {no} for booleans
+    """
     return sa.Index(
         name,
         *columns,

@@ -1,4 +1,4 @@
-"""Types of columns for `Mapped[…]`: texts by their greatest length, keys, versions, references to tables.
+"""Types of columns for `Mapped[…]`: texts by greatest length, keys, versions, references.
 
 A column's own `mapped_column(…)` adds to these (an index, a default); `| None` makes it nullable.
 """

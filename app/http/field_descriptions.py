@@ -1,4 +1,7 @@
-"""Descriptions and types of fields that many answers share; those of tables come from the data dictionary's columns."""
+"""Descriptions and types of fields that many answers share.
+
+Those of tables come from the data dictionary's columns.
+"""
 
 from collections.abc import Callable, Iterable
 from datetime import date, datetime

@@ -221,7 +221,7 @@ class Staff(Base):
 
     @property
     def has_totp(self) -> bool:
-        """Whether signing in with the password needs a code of an app, too."""
+        """Return whether signing in with the password needs a code of an app, too."""
         return self.totp_secret is not None
 
 

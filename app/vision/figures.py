@@ -120,9 +120,8 @@ def _matches(trace: Trace, views: RefinedViews, matches: Matches, is_good: MaskA
     second, scale_second = _reduced(views.second, trace.colour_of(1))
     picture = _side_by_side(first, second)
     good = np.flatnonzero(is_good & ~matches.is_board)
-    for index in good[
-        np.linspace(0, len(good) - 1, min(SHOWN_MATCHES, len(good))).astype(np.int64)
-    ]:
+    count = min(SHOWN_MATCHES, len(good))
+    for index in good[np.linspace(0, len(good) - 1, count).astype(np.int64)]:
         start = matches.first_px[index] * scale
         end = matches.second_px[index] * scale_second + np.array([first.shape[1], 0])
         corners = [(round(float(x)), round(float(y))) for x, y in (start, end)]

@@ -8,7 +8,7 @@ import uuid
 from typing import Annotated
 from urllib.parse import urlsplit
 
-from fastapi import APIRouter, Form, Request
+from fastapi import APIRouter, Form, Query, Request
 from starlette.responses import HTMLResponse, RedirectResponse, Response
 
 from app.core.errors import (
@@ -49,6 +49,7 @@ router = APIRouter(include_in_schema=False)
 PATH = f"{PREFIX}/account"
 
 LONGEST = 1024
+NextPath = Annotated[str, Query(alias="next")]  # the page to go to once signed in
 
 
 @router.get(PATH)
@@ -175,9 +176,9 @@ async def get_root() -> Response:
 
 
 @router.get(f"{PREFIX}/sign-in")
-def get_sign_in(state: State, next: Annotated[str, "path"] = "") -> Response:  # noqa: A002  # the parameter's name
+def get_sign_in(state: State, next_path: NextPath = "") -> Response:
     """The form."""
-    context = {"next": safe_path(next), "name": "", "proof": "", "refused": None}
+    context = {"next": safe_path(next_path), "name": "", "proof": "", "refused": None}
     return HTMLResponse(render("sign_in.html", issuer=state.settings.oidc_issuer, **context))
 
 
@@ -187,7 +188,7 @@ def post_sign_in(
     state: State,
     name: Annotated[str, Form(max_length=LONGEST)] = "",
     password: Annotated[str, Form(max_length=LONGEST)] = "",
-    next: Annotated[str, Form(max_length=LONGEST)] = "",  # noqa: A002  # the field's name
+    next_path: Annotated[str, Form(alias="next", max_length=LONGEST)] = "",
     code: Annotated[str, Form(max_length=LONGEST)] = "",
     proof: Annotated[str, Form(max_length=LONGEST)] = "",
 ) -> Response:
@@ -195,7 +196,7 @@ def post_sign_in(
 
     proof: that the password was right, sealed in the page that asks for the code.
     """
-    target, box, checked_hash = safe_path(next), state.part(SecretBox), ""
+    target, box, checked_hash = safe_path(next_path), state.part(SecretBox), ""
     try:
         with state.part(SignInLimits).trying(name, caller_address(request)):
             if proof:

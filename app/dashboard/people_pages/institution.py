@@ -10,7 +10,7 @@ from fastapi import APIRouter, Request
 from starlette.responses import HTMLResponse, Response
 
 from app.dashboard.page import CurrentPage, current_page
-from app.dashboard.people_pages.account import PATH, safe_path, signed_in
+from app.dashboard.people_pages.account import PATH, NextPath, safe_path, signed_in
 from app.dashboard.templates import render
 from app.http.rate_limit import caller_address
 from app.http.state import ApiState
@@ -32,9 +32,9 @@ COOKIE = "tada_flow"
 
 
 @router.post(f"{PREFIX}/sign-in/institution")
-def post_institution(request: Request, state: State, next: str = "") -> Response:  # noqa: A002  # the parameter's name
+def post_institution(request: Request, state: State, next_path: NextPath = "") -> Response:
     """Go to the provider to sign in."""
-    return _to_provider(request, state, safe_path(next))
+    return _to_provider(request, state, safe_path(next_path))
 
 
 @router.post(f"{PATH}/institution")

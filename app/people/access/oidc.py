@@ -59,7 +59,10 @@ class Provider:
 
 
 class Flow(BaseModel):
-    """What the browser brings back. links: the session whose person links the account; None: to sign in."""
+    """A sign-in at the provider as the browser keeps it.
+
+    links: the session whose person links the account; None: to sign in
+    """
 
     state: str
     nonce: str

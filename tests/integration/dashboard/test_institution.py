@@ -72,7 +72,7 @@ def stranger(client):
 
 
 def authorise(page, subject=SUBJECT):
-    """What a person does at the provider: it sends them back to this address of ours."""
+    """Sign in at the provider, and return the address of ours to which it sends the person back."""
     address = re.search(r'href="([^"]+)">Continue', page.text)[1].replace("&amp;", "&")
     assert page.headers["refresh"] == f"0; url={address}"
     answer = httpx2.post(address, data={"sub": subject})

@@ -28,8 +28,8 @@ def test_rectification_by_fundamental_aligns_rows_and_drives_disparity_through_z
     first, second = blank_views()
     points = scene_points(40)
     x, x_second = project(first, points), project(second, points)
-    found = rectify_by_fundamental(fundamental_from_points(x, x_second), x, x_second, (1200, 900))
-    y, y_second = map_points(found[0], x), map_points(found[1], x_second)
+    homographies = rectify_by_fundamental(fundamental_from_points(x, x_second), x, x_second, (1200, 900))
+    y, y_second = map_points(homographies[0], x), map_points(homographies[1], x_second)
     disparity = y[:, 0] - y_second[:, 0]
     # Half a second of arc at this focal length: the fundamental matrix is exact but for rounding.
     assert np.abs(y[:, 1] - y_second[:, 1]).max() < 1e-3

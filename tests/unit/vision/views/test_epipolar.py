@@ -2,10 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.views.epipolar import (
-    good_matches,
-    projection_matrix,
-)
+from app.vision.views.epipolar import good_matches, projection_matrix
 from app.vision.views.features import ALIGNED_SIDE_PX, Matches
 from tests.unit.vision.stereo_scene import blank_views
 

@@ -18,9 +18,9 @@ def test_points_are_followed_to_where_they_are_whatever_the_light(shift):
     moved = cv2.warpAffine(
         first, np.array([[1.0, 0.0, shift[0]], [0.0, 1.0, shift[1]]]), first.shape[::-1], flags=cv2.INTER_CUBIC
     )
-    at, found = follow_points(even(first), even(0.7 * moved + 20), PLACES, PLACES)
+    at, followed = follow_points(even(first), even(0.7 * moved + 20), PLACES, PLACES)
     assert np.array_equal(at, PLACES)
-    assert np.allclose(found, PLACES + shift, atol=0.06)  # interpolation by 32nds of a pixel
+    assert np.allclose(followed, PLACES + shift, atol=0.06)  # interpolation by 32nds of a pixel
 
 
 def test_what_is_not_there_or_has_no_texture_is_not_followed():
