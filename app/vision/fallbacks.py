@@ -6,11 +6,12 @@ the next one follows while a run fails. Then come the left photograph alone by i
 left photograph alone by the marker.
 """
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from app.core.errors import Failure
 from app.vision.model import EstimateOptions, ItemEstimate, PhotoPair
+from app.vision.solids.measured_item import MeasuredItem
 from app.vision.stages import Stages
 from app.vision.trace import Trace
 from app.vision.views.features import too_few_matches
@@ -149,9 +150,9 @@ def _fallbacks(
 
 
 def _run(pair: PhotoPair, options: EstimateOptions, trace: Trace, steps: Steps) -> Run:
-    """Run the steps; what the marker alone placed has to be confirmed by a food's surface."""
+    """Run the steps; what the marker alone placed has to be confirmed by a food."""
     outcome = steps(pair, options, trace)
-    is_doubtful = _may_be_measured_alone(pair, options) or not _is_confirmed(outcome)
+    is_doubtful = _may_be_measured_alone(pair, options) or not _is_confirmed(outcome, trace.items)
     is_doubtful |= options.method == "paper-strict"  # whose F the marker's plane alone leaves open
     if trace.matches is not None and trace.is_by_marker_alone and is_doubtful:
         outcome = too_few_matches(trace.matches.beside_board)
@@ -170,11 +171,11 @@ def _may_be_measured_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
     return pair.left.depth is not None and options.marker is not None and options.method == "shape"
 
 
-def _is_confirmed(outcome: Items | Failure) -> bool:
-    """Return whether a food's surface was measured: both photographs are of one scene at rest.
+def _is_confirmed(outcome: Items | Failure, measured: Sequence[MeasuredItem]) -> bool:
+    """Return whether a food shows that both photographs are of one scene at rest.
 
     A failure for another reason stays what it is.
     """
     if isinstance(outcome, Failure):
         return outcome.code not in UNMEASURED
-    return any(item.volume_ml is not None and "low_texture" not in item.flags for item in outcome)
+    return any(item.shows_rest for item in measured)

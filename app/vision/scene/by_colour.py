@@ -37,7 +37,7 @@ from app.vision.scene.colour_bins import (
 )
 from app.vision.scene.dish import Dish
 from app.vision.scene.layout import Layout
-from app.vision.scene.min_cut import cut_in_two
+from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
@@ -51,6 +51,7 @@ SIDE_PX = 360  # of the reduced picture
 COMMON_SHARE = 0.02  # of the bare surface, whose rarest colours are left out of what it is like
 ROUNDS = 3
 LIGHT_ROUNDS, LIGHT_RIDGE = 4, 1e-4
+COURSE_POINTS = 4000  # at least, by which a course of light is fitted, where there are so many
 LEAST_LIGHT_SPREAD = 1e-3  # of the log of a channel
 GROWTHS = 5
 ALIKE_SPREADS = 3.0
@@ -80,19 +81,25 @@ def lay_out_by_colour(scene: Scene, trend: TableTrend) -> Layout:
     return Layout(scene, trend, view, [dish for dish in dishes if dish is not None])
 
 
-def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]:
-    """The places that hold food. points: (h, w) small parts that are food for certain."""
-    scene, things = layout.scene, _on_table(layout.scene)
+def places_by_colour(
+    layout: Layout, points: Sequence[MaskArray], wanted: MaskArray | None = None
+) -> list[Place]:
+    """The places that hold food. points: (h, w) small parts that are food for certain.
+
+    wanted: (h, w) where food is looked for, on a dish or on the table; None: everywhere.
+    """
+    scene = layout.scene
+    nothing = np.zeros(scene.is_ignored.shape, np.bool_)
     silhouettes = [_silhouette(dish, layout) for dish in layout.dishes]
+    beside = ~np.asarray(np.any([nothing, *silhouettes], axis=0), np.bool_)
+    things = _on_table(scene) if wanted is None or (beside & wanted).any() else nothing
     on_dishes = [
         _on_dish(scene, touching(things, silhouette), _inward(dish, layout))
+        if wanted is None or (silhouette & wanted).any()
+        else nothing
         for dish, silhouette in zip(layout.dishes, silhouettes, strict=True)
     ]
-    taken = (
-        np.any([*silhouettes, *on_dishes], axis=0)
-        if silhouettes
-        else np.zeros(scene.is_ignored.shape, np.bool_)
-    )
+    taken = np.asarray(np.any([nothing, *silhouettes, *on_dishes], axis=0), np.bool_)
     on_table = without_specks(
         opened(things & ~dilated(taken, 5), 3), MIN_THING_MM2 / scene.pixel_mm**2
     )
@@ -121,7 +128,6 @@ def places_by_colour(layout: Layout, points: Sequence[MaskArray]) -> list[Place]
             band = _band(_inward(dish, layout), RIM_BAND_MM) & ~sure
             places.append(Place(dish, sure, silhouette | reach, band, elsewhere))
     if on_table.any():
-        nothing = np.zeros(on_table.shape, np.bool_)
         for group in _groups(on_table, scene):
             elsewhere = (taken | (on_table & ~group)) & ~group
             near = distance_px(group) * scene.pixel_mm < REACH_MM
@@ -220,8 +226,11 @@ def _unlike_small(
             return mask
         inside, outside = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
         ratio = colour_evidence(inside, outside)[bins]
+        before = mask
         mask = cut_in_two((ratio + apart).astype(np.float32), features, ~within, nothing)
         mask = without_specks(opened(mask, 3), least)
+        if is_settled(mask, before):
+            break
     return mask & within
 
 
@@ -274,7 +283,9 @@ def _evenly_lit(
 
 def _course(values: Float32Array, design: Float32Array, where: MaskArray) -> Float32Array:
     """(h, w) the slow course of a channel, fitted where a surface shows (h, w), whatever else lies there."""
-    rows, seen = design[where], values[where]
+    chosen = np.flatnonzero(where)
+    chosen = chosen[:: max(1, len(chosen) // COURSE_POINTS)]
+    rows, seen = design.reshape(-1, design.shape[-1])[chosen], values.ravel()[chosen]
     ridge = LIGHT_RIDGE * len(rows) * np.eye(rows.shape[1], dtype=np.float32)
     weights = np.ones_like(seen)
     for _ in range(LIGHT_ROUNDS):

@@ -28,7 +28,7 @@ from app.vision.scene.colour_bins import (
     shaded_bins,
 )
 from app.vision.scene.gaps import find_gaps
-from app.vision.scene.min_cut import cut_in_two
+from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import OVER_RIM_MM, UNMEASURED_MM, Place
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 
@@ -85,7 +85,6 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     image = np.asarray(
         cv2.resize(scene.image_bgr[window], size, interpolation=cv2.INTER_AREA), np.uint8
     )
-    lab = lab_bytes(image)
     shaded = shaded_bins(image)
     height = cv2.resize(tall[window], size, interpolation=cv2.INTER_NEAREST)
     is_fine = (
@@ -99,7 +98,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     texture = cv2.resize(scene.texture[window], size, interpolation=cv2.INTER_AREA)
     bins = byte_bins(image)
     texture_bins = np.clip(np.log2(texture + 0.25) * 4 + 8, 0, 31).astype(np.int64)
-    features = contrast_features(lab)
+    features = contrast_features(lab_bytes(image))
 
     over = is_measured & (height > place.rim_mm + OVER_RIM_MM)
     # A coarse window spreads the height of what it sees over holes and surroundings: it says little of one pixel.
@@ -127,10 +126,10 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     over_floor = np.where(is_measured, height - np.float32(place.floor_mm), np.float32(np.nan))
     gaps = find_gaps(sure, over_floor, colour, scene.pixel_mm / scale)
     for _ in range(ROUNDS - 1):
-        food, others = _apart(is_food, is_ignored)
-        if not food.any():
+        before, (food, others) = is_food, _apart(is_food, is_ignored)
+        is_food = cut(food, others, np.zeros_like(core))[0] if food.any() else is_food
+        if is_settled(is_food, before):
             break
-        is_food, _ = cut(food, others, np.zeros_like(core))
     # Where food and support are alike the cut closes a gap, for its border is longer than the colours are worth.
     gaps &= is_food
     open_found = is_food & ~gaps

@@ -1,7 +1,6 @@
-"""Smooth or glossy food of which only the edges could be measured: an orange on a cloth, tofu on a newspaper.
+"""Smooth or glossy food of which only the edges could be measured: an orange on a cloth.
 
-Heights and colours -> blobs that stand out although their middle shows no parallax: of colours that no support has, or
-enclosed by raised edges.
+Heights and colours -> blobs that stand out although their middle shows no parallax: of colours that no support has.
 """
 
 from collections.abc import Sequence
@@ -13,7 +12,6 @@ from app.vision.geometry.masks import labelled, opened
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_histogram, shaded_bins
 from app.vision.scene.scene import FINE_REACH_PX, Scene
-from app.vision.scene.sectors import sector_of
 
 FLAT_MM = 3.0  # from a support's height: its surface
 RAISED_MM = 15.0  # over the support: no plate's rim, no telephone, no cutlery
@@ -24,43 +22,6 @@ MIN_SUPPORT_PX = 500
 # probability of a colour bin; a quarter of what it would be if all colours were alike
 FAMILIAR = 1e-5
 BESIDE_PX = 3
-# of an unmeasured blob: what the second view does not see beside a food is narrower
-MIN_WIDTH_PX = 9
-AROUND_PX = 6
-SECTORS = 24
-MIN_ENCLOSED = 0.65  # of the directions from its middle; the side of a block that faces the camera ends at the table
-
-MIN_RAISED_SHARE = 0.33  # of the measured surface that such a blob borders on
-
-
-def enclosed_by_raised(scene: Scene, over_support_mm: Float32Array) -> MaskArray:
-    """(h, w) unmeasured blobs with something raised most of the way round. over_support_mm: see unlike_support.
-
-    What a food hides from the second view is unmeasured as well, and has the food on one side only; plain paper around
-    a food has it in many directions, but borders more on what lies flat.
-    """
-    is_measured = np.isfinite(over_support_mm) | scene.is_ignored
-    blobs = opened(~is_measured, MIN_WIDTH_PX)
-    labels, stats, middles = labelled(blobs)
-    count = len(stats)
-    around = cv2.dilate(labels.astype(np.uint16), np.ones((2 * AROUND_PX + 1,) * 2, np.uint8))
-    is_raised = (over_support_mm > RAISED_MM) & ~scene.is_ignored
-    is_flat = (np.abs(over_support_mm) < FLAT_MM) & ~scene.is_ignored
-    raised, flat = (np.bincount(around[mask], minlength=count) for mask in (is_raised, is_flat))
-    rows, columns = np.nonzero(is_raised & (around > 0))
-    blob = around[rows, columns].astype(np.int64)
-    sector = sector_of(columns - middles[blob, 0], rows - middles[blob, 1], SECTORS)
-    directions = np.zeros((count, SECTORS), np.bool_)
-    directions[blob, sector] = True
-    area_mm2 = stats[:, cv2.CC_STAT_AREA] * scene.pixel_mm**2
-    kept = (
-        (area_mm2 > MIN_BLOB_MM2)
-        & (area_mm2 < MAX_BLOB_MM2)
-        & (directions.mean(axis=1) >= MIN_ENCLOSED)
-    )
-    kept &= raised > MIN_RAISED_SHARE * (raised + flat)
-    kept[0] = False
-    return np.asarray(kept[labels], np.bool_)
 
 
 def unlike_support(

@@ -63,6 +63,7 @@ def segment_meal(
             vessels,
             is_complete=options.is_complete,
             is_table_sure=is_table_sure,
+            has_judge=options.method == "shape",
         )
 
     if options.method != "shape" or pair.second_bgr is None:

@@ -11,6 +11,7 @@ from app.vision.model import Float32Array, ImageArray, MaskArray
 
 LEVELS = 80  # steps of the channel that carries the ratios
 LIMIT_NATS = 10.0  # ratios beyond are as good as certain
+SETTLED = 0.005  # of a mask
 WIDE = 1e6  # variance that makes the feature channels mute in the data term
 
 
@@ -53,3 +54,8 @@ def _model(mean: float, variance: float) -> np.ndarray:
     model[0, 5:8] = [mean, 128.0, 128.0]
     model[0, 20:29] = np.diag([variance, WIDE, WIDE]).ravel()
     return model
+
+
+def is_settled(mask: MaskArray, before: MaskArray) -> bool:
+    """Return whether a further round of learning colours from a cut would hardly change it. Both (h, w)."""
+    return bool(np.count_nonzero(mask ^ before) <= SETTLED * np.count_nonzero(mask))

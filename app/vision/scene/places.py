@@ -15,7 +15,7 @@ from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
 from app.vision.scene.food_checks import MIN_AREA_MM2
-from app.vision.scene.half_measured import enclosed_by_raised, unlike_support
+from app.vision.scene.half_measured import unlike_support
 from app.vision.scene.scene import Scene
 
 OVER_RIM_MM = 7.0  # higher than the rim: food, wherever it is
@@ -163,11 +163,7 @@ def _half_measured(scene: Scene, territories: Sequence[_Territory], owner: np.nd
         over_support[owner == number] -= np.float32(territory.dish.floor_mm)
     is_measured = np.isfinite(scene.height_mm)  # what is not may be food in front of a rim
     shows_dish = [_own_colour(territory, scene) & is_measured for territory in territories]
-    on_table = owner == ON_TABLE  # a plate's floor, too, is unmeasured between its food and its rim
-    enclosed = enclosed_by_raised(
-        replace(scene, is_ignored=scene.is_ignored | ~on_table), over_support
-    )
-    return unlike_support(scene, over_support, shows_dish) | enclosed
+    return unlike_support(scene, over_support, shows_dish)
 
 
 def _whole_blobs(blobs: MaskArray, owner: np.ndarray, is_measured: MaskArray) -> np.ndarray:

@@ -12,13 +12,20 @@ import cv2
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import dilated, distance_px, opened, touching
+from app.vision.geometry.masks import (
+    components,
+    dilated,
+    distance_px,
+    opened,
+    touching,
+    without_specks,
+)
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.by_colour import dish_around, lay_out_by_colour, places_by_colour
 from app.vision.scene.dish import Dish
 from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
-from app.vision.scene.food_checks import is_food
+from app.vision.scene.food_checks import MIN_AREA_MM2, is_food
 from app.vision.scene.food_outline import correct_outlines, tidy_outlines
 from app.vision.scene.food_pixels import FLAT_MM, find_food_pixels
 from app.vision.scene.foods_apart import tell_apart
@@ -46,6 +53,9 @@ CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
 DISH_SHARE = 0.8
 # of a region beyond what hints point at, from which on it is another food than theirs
 OTHER_FOOD_SHARE = 0.4
+UNMEASURED_PX = 9  # what a food hides from the second view is narrower
+AROUND_PX = 21  # in which the edge of what stands is measured as high
+TOP_QUANTILE, LOW_THING_MM = 0.95, 10.0  # of its heights: telephones, cutlery, napkins are lower
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +64,7 @@ class Region:
 
     support: None where nothing was measured at all. vessel: the bowl that holds it, else None.
     liquid: the filled vessel whose liquid it is, else None. is_unread: a vessel in which no liquid's surface is seen.
+    is_by_colour: no height shows it; it is a food only if a form that stands explains it.
     """
 
     mask: MaskArray
@@ -62,6 +73,7 @@ class Region:
     vessel: Vessel | None = None
     liquid: FilledVessel | None = None
     is_unread: bool = False
+    is_by_colour: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,12 +127,14 @@ def segment_foods(
     *,
     is_complete: bool = False,
     is_table_sure: bool = True,
+    has_judge: bool = False,
 ) -> Foods | Failure:
     """Foods in the order of their size, those of hints first.
 
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
     measured by themselves. is_complete: only what the hints point at is returned. is_table_sure: a marker lies on it;
-    otherwise the plane was found in the scene, and may be a dish's. Failure "no_food_found".
+    otherwise the plane was found in the scene, and may be a dish's. has_judge: what colours alone show is added, for
+    forms to tell whether it stands. Failure "no_food_found".
     """
     canvas = _canvas(pair)
     unseen = canvas | ~pair.is_seen
@@ -152,8 +166,12 @@ def segment_foods(
     if layout is not None:
         plain = _plain_dishes(foods, layout)
         if plain:
-            foods = find(replace(layout, dishes=[*layout.dishes, *plain]))
+            layout = replace(layout, dishes=[*layout.dishes, *plain])
+            foods = find(layout)
     if pair.second_bgr is not None and (is_table_sure or (layout is not None and layout.dishes)):
+        if layout is not None and has_judge and not is_complete:
+            beside = _by_colour_beside(foods, layout, _reduced(unseen, measured), pair.shape)
+            foods = replace(foods, regions=[*foods.regions, *beside])
         return foods if foods.regions else no_food_found()
     foods = _by_colour(foods, measured, find, is_pair=pair.second_bgr is not None)
     return foods if foods.regions else no_food_found()
@@ -191,6 +209,44 @@ def _by_colour(
     if not np.isfinite(measured.height_mm).any():
         return foods
     return replace(foods, regions=_on_measured_support(foods.regions, measured, foods.table))
+
+
+def _by_colour_beside(
+    foods: Foods, layout: Layout, is_unseen: MaskArray, shape: tuple[int, int]
+) -> list[Region]:
+    """What colours show beside the foods that heights do: smooth food, of which little is measured; or a shadow.
+
+    is_unseen: (h, w). shape: of the whole grid.
+    """
+    scene = layout.scene
+    known = dilated(_reduced(foods.mask, scene), 3) if foods.regions else np.zeros_like(is_unseen)
+    taken = scene.is_ignored | known
+    unmeasured = opened(~np.isfinite(scene.height_mm) & ~taken, UNMEASURED_PX)
+    unmeasured = without_specks(unmeasured, MIN_AREA_MM2 / scene.pixel_mm**2)
+    if not unmeasured.any():
+        return []
+    plain = without_heights(scene)
+    dishes = (
+        replace(layout, scene=plain) if layout.dishes else lay_out_by_colour(plain, layout.trend)
+    )
+    masks: list[MaskArray] = []
+    for place in places_by_colour(dishes, [], unmeasured):
+        new = opened(place.is_sure & ~known, UNMEASURED_PX)
+        parts = [part for part in components(new) if _may_stand_high(part, taken, scene)]
+        if parts:
+            around = replace(plain, is_ignored=taken)
+            sure = np.asarray(np.any(parts, axis=0), np.bool_)
+            own = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
+            masks += [_without_hole(each.mask, taken, plain) for each in own]
+    regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
+    return _supported([region for region in regions if region.mask.any()], layout)
+
+
+def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:
+    """Return False if the heights of a part (h, w) and around it are as low as those of what is no food: a print."""
+    seen = dilated(part, AROUND_PX) & ~taken
+    heights = scene.height_mm[seen & np.isfinite(scene.height_mm)]
+    return len(heights) < MIN_POINTS or float(np.quantile(heights, TOP_QUANTILE)) > LOW_THING_MM
 
 
 def _plain_dishes(foods: Foods, layout: Layout) -> list[Dish]:

@@ -15,6 +15,7 @@ from app.vision.geometry.mesh import ClosedShape
 from app.vision.geometry.slices import Slice
 from app.vision.model import Float64Array, Hint, MaskArray, SliceForm
 from app.vision.scene.segmentation import Region
+from app.vision.tuning import TUNING
 from app.vision.views.sight import Sight
 
 SCALE_SD = 0.005  # of the print's side, relative; cubed in a volume
@@ -56,7 +57,8 @@ class MeasuredItem:
     """A food with its mask on the rectified grid, the points measured, its support's height and its volume.
 
     volume: None where the food is there and how much of it is not to be seen. sight: how the views see points about
-    it, if it was measured by that; None: by the poses alone.
+    it, if it was measured by that; None: by the poses alone. seen_again: the share of its outline that the second view
+    has where its form puts it; None without a form, or of a single view.
     """
 
     region: Region
@@ -65,6 +67,14 @@ class MeasuredItem:
     volume: Volume | None
     flags: tuple[str, ...]
     sight: Sight | None = None
+    seen_again: float | None = None
+
+    @property
+    def shows_rest(self) -> bool:
+        """Return whether both photographs show it in one place: by its outline, without a form by its surface."""
+        if self.volume is None or self.seen_again is None:
+            return self.volume is not None and "low_texture" not in self.flags
+        return self.seen_again > TUNING.least_seen_again
 
 
 def of_single_view(item: MeasuredItem, hint: Hint | None) -> MeasuredItem:
@@ -87,7 +97,7 @@ def not_measurable(item: MeasuredItem) -> MeasuredItem:
 def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredItem] | Failure:
     """Return the measured foods without those too small to be one that nobody pointed at; or why there are none.
 
-    A volume whose interval says nothing is left out.
+    A volume whose interval says nothing is left out, as is that of a form which the second view does not have.
     """
     items = [item for item in measured if item is not None and not _is_clutter(item)]
     if not items and all(item is not None for item in measured):
@@ -110,7 +120,10 @@ def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
 
 
 def _says_nothing(item: MeasuredItem) -> bool:
-    return item.volume is not None and says_nothing(item.volume.volume_ml, *item.volume.interval_ml)
+    if item.volume is None:
+        return False
+    was_moved = item.seen_again is not None and not item.shows_rest
+    return was_moved or says_nothing(item.volume.volume_ml, *item.volume.interval_ml)
 
 
 def _is_clutter(item: MeasuredItem) -> bool:

@@ -24,6 +24,7 @@ from app.vision.solids.form_fit import FormFit, fit_form
 from app.vision.solids.form_prior import FormPrior, LikelyForms, form_prior
 from app.vision.solids.forms import COARSE, FINE, Form
 from app.vision.solids.measured_item import (
+    NORMAL_90,
     SCALE_SD,
     MeasuredItem,
     Volume,
@@ -117,11 +118,13 @@ def measure_shapes(
         food = scene.food(number)
         hint = hints[region.hint] if hints and region.hint is not None else None
         forms = likely[number] if likely else None
-        measured.append(
+        item = (
             None
             if food is None
             else _measured(region, food, scene, pose_sd, form_prior(hint), forms)
         )
+        if item is not None or not region.is_by_colour:
+            measured.append(item)
     return without_clutter(measured)
 
 
@@ -268,8 +271,8 @@ def _without(line: Outline, hidden_by: MaskArray) -> Outline:
     return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
 
 
-def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
-    """Fits, those of the best evidence first: all families coarsely, the better ones finely.
+def _fit_families(food: _Food, prior: FormPrior | None) -> tuple[list[FormFit], Seen]:
+    """Fits, those of the best evidence first, and what they were fitted to: all coarsely, the better ones finely.
 
     Of the form that is known beforehand, the best one is among these.
     """
@@ -294,7 +297,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> list[FormFit]:
     of_form = [fit for fit in ranked[kept:] if fit.form.name in hinted_families]
     nearest = ranked[:kept] + of_form[:1]
     if food.is_single:
-        return _refitted(food.seen, nearest)
+        return _refitted(food.seen, nearest), food.seen
     return _settled(food, nearest, hinted_families)
 
 
@@ -314,16 +317,19 @@ def _coarse_fits(food: _Food, forms: Sequence[Form], hinted: Collection[str]) ->
     return sorted((fit for fit in ended if fit is not None), key=lambda fit: fit.cost)
 
 
-def _settled(food: _Food, fits: list[FormFit], hinted: Collection[str]) -> list[FormFit]:
+def _settled(
+    food: _Food, fits: list[FormFit], hinted: Collection[str]
+) -> tuple[list[FormFit], Seen]:
     """All fitted along the best one, again while its volume changes: parallax along a wrong form is wrong as well."""
+    seen = food.seen
     for _ in range(TUNING.max_passes):
         if not fits:
             break
-        before_ml = fits[0].volume_ml
-        fits = likely_fits(_refitted(_seen_along(food, fits[0]), fits), hinted)
+        before_ml, seen = fits[0].volume_ml, _seen_along(food, fits[0])
+        fits = likely_fits(_refitted(seen, fits), hinted)
         if fits and abs(np.log(fits[0].volume_ml / before_ml)) < TUNING.settled:
             break
-    return fits
+    return fits, seen
 
 
 def _refitted(seen: Seen, fits: Sequence[FormFit]) -> list[FormFit]:
@@ -406,9 +412,11 @@ def _measured(
     """One food: what fills a bowl by the bowl, everything else by its form."""
     pair_sd = float(np.hypot(3 * SCALE_SD, pose_sd))
     result = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
+    seen_again = None
     if result is None:
-        fits = _fit_families(food, prior)
-        if not fits:
+        fits, seen = _fit_families(food, prior)
+        seen_again = None if food.grey is None else _seen_again(seen)
+        if not fits or (region.is_by_colour and not _stands(fits[0], seen_again)):
             return None
         result = average_forms(
             fits, pair_sd, prior, likely if food.is_single else None, is_single=food.is_single
@@ -418,7 +426,23 @@ def _measured(
         flags = (*flags, "low_texture")
     if food.seen.side is not None:
         flags = (*flags, "view_from_side")
-    return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight)
+    return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight, seen_again)
+
+
+def _seen_again(seen: Seen) -> float:
+    """Return the share of the first view's outline that the second one has where the form puts it."""
+    first, second = seen.outlines[:2]
+    if first is None or second is None:
+        return 0.0
+    clear, clear_again = float(first.weights.mean()), float(second.weights.mean())
+    return clear_again / (TUNING.second_weight * max(clear, 1e-9))
+
+
+def _stands(fit: FormFit, seen_again: float | None) -> bool:
+    """Return whether both views show a form, and surely of a food's height: no napkin, telephone or shadow."""
+    high_mm = float(np.ptp(fit.form.vertices(fit.unknowns, FINE)[:, 2]))
+    least_mm = high_mm * (1.0 - NORMAL_90 * fit.volume_sd_ml / fit.volume_ml)
+    return least_mm > TUNING.least_height_mm and (seen_again or 0.0) > TUNING.least_seen_again
 
 
 def _of_bowl(

@@ -58,10 +58,8 @@ def test_food_pushed_between_the_photographs_is_not_measured(apple, move):
     assert_not_measured(apple.estimate(with_food_moved(apple, *move)))
 
 
-@pytest.mark.parametrize("move", [(-20, 0), (0, 60)])
+@pytest.mark.parametrize("move", [(-20, 0), (20, 0), (0, 20), (0, -20), (0, 60), (0, 8)])
 def test_foods_pushed_on_their_plate_are_not_measured(salad, move):
-    """Not (0, -20) and (20, 0), along the line between the cameras: pushed food looks like food that is higher.
-
-    Nor (0, 20), after which all agrees but the leaves, of which nothing is matched: their flag is low_texture.
-    """
-    assert_not_measured(salad.estimate(with_food_moved(salad, *move)))
+    """Not (8, 0), along the line between the cameras: pushed a little, food looks like food that is higher."""
+    estimate = salad.estimate(with_food_moved(salad, *move))
+    assert estimate.failure is not None or all(item.volume_ml is None for item in estimate.items)

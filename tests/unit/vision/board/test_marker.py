@@ -161,6 +161,12 @@ def test_board_that_cannot_be_read_is_refused_with_the_reason():
         assert refusal(blurred, PLAIN).code == "image_blurred"
 
 
+def test_squares_too_small_for_their_edges_to_be_followed_are_not_called_blurred():
+    small = Camera(640, 480, 520.0, 520.0, 319.5, 239.5)
+    photo = render_board(PLAIN, small, look_at(50, -60, 500.0), blur_px=0.5, table=noise_texture(8))
+    assert rms(observe(photo, PLAIN).corners_px, project(small, look_at(50, -60, 500.0), corner_points(PLAIN))) < 0.3
+
+
 @pytest.mark.parametrize(
     ("printed", "announced", "words"),
     [

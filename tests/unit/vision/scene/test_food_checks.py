@@ -3,7 +3,21 @@
 import numpy as np
 
 from app.vision.scene.food_checks import is_food
-from tests.unit.vision.scene.test_half_measured import COLUMNS, ROWS, SHAPE, scene_of
+from tests.unit.vision.scene.scenes import plain_scene
+
+SHAPE = (200, 240)
+ROWS, COLUMNS = np.indices(SHAPE)
+
+
+def scene_of(height_mm):
+    return plain_scene(
+        SHAPE,
+        height_mm=height_mm.astype(np.float32),
+        points_table=np.zeros((*SHAPE, 3), np.float32),
+        plane_xy_mm=np.zeros((*SHAPE, 2), np.float32),
+        camera_mm=np.array([0.0, 0.0, 400.0]),
+    )
+
 
 DISC = (ROWS - 100) ** 2 + (COLUMNS - 60) ** 2 < 40**2
 CUT = DISC & (COLUMNS < 75)  # a third of it lies behind what begins there

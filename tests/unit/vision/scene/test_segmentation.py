@@ -74,9 +74,7 @@ class Meal:
         y = -(rows - pair.centre_px[1]) / pair.focal_px * depth
         return np.stack([x, y, heights], -1).astype(np.float32)
 
-    def segment(
-        self, hints=(), ignored=None, unmeasured=None, *, coarse=np.s_[:0], is_complete=False, is_table_sure=True
-    ):
+    def segment(self, hints=(), ignored=None, unmeasured=None, *, coarse=np.s_[:0], is_complete=False, **options):
         pair = self.pair()
         disparity = DisparityMap(np.zeros(SHAPE, np.float32), np.full(SHAPE, 4.5, np.float32))
         disparity.reach_px[coarse] = 9.0
@@ -84,9 +82,7 @@ class Meal:
         points = self.points(pair)
         if unmeasured is not None:
             points[unmeasured] = np.nan
-        found = segment_foods(
-            pair, disparity, points, ignored, hints, is_complete=is_complete, is_table_sure=is_table_sure
-        )
+        found = segment_foods(pair, disparity, points, ignored, hints, is_complete=is_complete, **options)
         return found if isinstance(found, Failure) else found.regions
 
 
@@ -177,7 +173,7 @@ def test_pale_block_beside_a_printed_pack_is_found_by_itself():
     meal.image[pack & (np.arange(SHAPE[1]) > 200)] = OTHER_BGR
     meal.height[block], meal.image[block] = 35.0, np.array(TABLE_BGR) + 20.0
     middle = block & (np.arange(SHAPE[1]) > 340) & (np.arange(SHAPE[1]) < 400)
-    regions = meal.segment(unmeasured=middle, coarse=block)
+    regions = meal.segment(unmeasured=middle, coarse=block, has_judge=True)
     assert len(regions) == 2
     assert iou(regions[0].mask, pack) > 0.9
     assert iou(regions[1].mask, block) > 0.8
@@ -240,6 +236,14 @@ def test_food_that_is_measured_at_its_edge_alone_or_nowhere_is_found_by_its_colo
     meal.image[disc(210, 280, 50)] = FOOD_BGR
     found = meal.segment([HintMask(disc(215, 290, 4), 0)], unmeasured=disc(210, 280, 60))  # under a point
     assert iou(found[0].mask, disc(210, 280, 50)) > 0.9
+
+
+def test_food_of_which_no_height_is_measured_is_left_for_forms_to_judge():
+    meal, food, unmeasured = Meal().plate().food(200, 250, 50, 40.0), disc(200, 250, 50), disc(210, 280, 165)
+    assert meal.segment(unmeasured=unmeasured).code == "no_food_found"
+    (found,) = meal.segment(unmeasured=unmeasured, has_judge=True)
+    assert found.is_by_colour
+    assert iou(found.mask, food) > 0.9
 
 
 @pytest.mark.parametrize("flat_mm", [0.0, 12.0])

@@ -4,13 +4,14 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pytest
 
 from app.vision.geometry.topview import TableTrend
 from app.vision.scene.segmentation import Foods, Region
 from app.vision.scene.support import Support
 from app.vision.solids.shape import measure_shapes
 from app.vision.views.disparity import DisparityMap
-from app.vision.views.reconstruction import DepthModel, back_project
+from app.vision.views.reconstruction import DepthModel, back_project, plane_points
 from app.vision.views.rectification import rectify_by_poses
 from tests.unit.vision.stereo_scene import BALL, rendered_views, true_depth, true_parallax
 
@@ -34,10 +35,11 @@ def scene():
     return pair, with_ball < without - 1e-6, dense
 
 
-def measure(region, scale=1.0, dense=None, pose_sd=0.01, depths=(), is_plain=False):
+def measure(region, scale=1.0, dense=None, pose_sd=0.01, depths=(), is_plain=False, pushed_px=0):
     pair, _, known = scene()
     if is_plain:
         pair = replace(pair, second_bgr=np.full_like(pair.second_bgr, 120))
+    pair = replace(pair, second_bgr=np.roll(pair.second_bgr, pushed_px, axis=0))
     dense = dense or known
     pair = replace(pair, first_centre_mm=scale * pair.first_centre_mm, baseline_mm=scale * pair.baseline_mm)
     ideal = DepthModel(0.0, pair.focal_px * pair.baseline_mm)
@@ -75,6 +77,25 @@ def test_food_without_parallax_is_a_failure():
     nothing = DisparityMap(np.full(scene()[0].shape, np.nan, np.float32), np.full(scene()[0].shape, 4.5, np.float32))
     found = measure(Region(scene()[1], support=ON_TABLE), dense=nothing)
     assert found.code == "food_not_measured"
+
+
+@pytest.mark.parametrize("pushed_px", [-40, 40])
+def test_food_that_is_not_where_its_form_puts_it_in_the_second_view_does_not_show_rest(pushed_px):
+    (pushed,) = measure(Region(scene()[1], support=ON_TABLE), pushed_px=pushed_px)
+    assert pushed.seen_again < 0.5
+    assert ball_item().seen_again > 0.9
+    assert ball_item().shows_rest
+    assert not pushed.shows_rest
+
+
+def test_what_colours_alone_show_is_a_food_if_both_views_show_it_standing():
+    pair, ball, _ = scene()
+    (item,) = measure(Region(ball, support=ON_TABLE, is_by_colour=True))
+    assert item.volume.volume_ml == ball_item().volume.volume_ml
+    assert measure(Region(ball, support=ON_TABLE, is_by_colour=True), pushed_px=40).code == "no_food_found"
+    places = plane_points(pair)
+    paper = (np.abs(places[..., 0]) < 59.0) & (np.abs(places[..., 1]) < 48.0) & pair.is_seen
+    assert measure(Region(paper, support=ON_TABLE, is_by_colour=True)).code == "no_food_found"
 
 
 def test_glass_in_which_no_surface_is_seen_has_no_volume():
