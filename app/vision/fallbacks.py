@@ -150,7 +150,7 @@ def _fallbacks(
 
 
 def _run(pair: PhotoPair, options: EstimateOptions, trace: Trace, steps: Steps) -> Run:
-    """Run the steps; what the marker alone placed has to be confirmed by a food."""
+    """Run the steps; what the marker alone placed has to be confirmed by a food at rest."""
     outcome = steps(pair, options, trace)
     is_doubtful = _may_be_measured_alone(pair, options) or not _is_confirmed(outcome, trace.items)
     is_doubtful |= options.method == "paper-strict"  # whose F the marker's plane alone leaves open
@@ -172,7 +172,7 @@ def _may_be_measured_alone(pair: PhotoPair, options: EstimateOptions) -> bool:
 
 
 def _is_confirmed(outcome: Items | Failure, measured: Sequence[MeasuredItem]) -> bool:
-    """Return whether a food shows that both photographs are of one scene at rest.
+    """Return whether a food that both show in one place tells that they are of one scene at rest.
 
     A failure for another reason stays what it is.
     """

@@ -69,6 +69,9 @@ class FormTuning:
     # of a food's outline, that the second view has where its form puts it: of 250 rendered foods at rest 0.56 and more,
     # of foods pushed by 8 mm across the line between the cameras, parts of a dish, pairs of two meals 0.05 to 0.48
     least_seen_again: float = 0.5
+    sure_seen_again: float = (
+        0.65  # the same of what colours alone show: prints on a table have up to 0.6
+    )
     # height over its support that a food is surely seen to have which colours alone show: a telephone has 8 to 9 mm
     least_height_mm: float = 13.0
     temper: float = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food

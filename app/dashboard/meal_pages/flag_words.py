@@ -12,8 +12,9 @@ FLAGS: Mapping[str, str] = {
     "vessel_library": "It is a liquid in a vessel of the study's library: only its level was measured.",
     "inside_guessed": "It lies in a bowl: its top is measured, the part below is derived from the bowl's outer wall. "
     "The interval is therefore wide.",
-    "not_measurable": "It was examined, and its volume cannot be told within a factor of three. Set the amount; a pair "
-    "from closer, at a slant, with the whole food in view measures more. Else count it as missing, never as 0.",
+    "not_measurable": "It was examined, and its volume cannot be told within a factor of three, or the second "
+    "photograph does not show it where the first one puts it. Set the amount; a pair from closer, at a slant, with the "
+    "whole food in view and nothing moved measures more. Else count it as missing, never as 0.",
     "hint_missed": "The phone pointed at a food where nothing could be measured. Draw it, set the amount, or reject "
     "it.",
     "scale_from_depth": "No marker was named: the depth map gave the scale, and its lowest large plane is the table.",

@@ -31,7 +31,7 @@ MIN_VIEW_ANGLE_DEG = 1.5
 MAX_VIEW_ANGLE_DEG = 45.0  # beyond, the two views show different sides of a food and hardly match
 # of the shortest square in px; detected corners leave 0.003, another camera's file 0.05
 MAX_RMS_SQUARES = 0.03
-NOISE_RMS_PX = 0.4  # which noise makes of the corners of small squares
+NOISE_RMS_PX = 0.4  # that noise alone leaves at the corners of small squares
 MAX_BEND_MM = 5.0  # at the board's edge; bent further, heights over the sheet mean little
 SAME_CORNERS_PX = 0.01  # no two exposures by hand agree to a hundredth of a pixel
 SAMPLE_ROWS = 64  # one row of so many is compared first

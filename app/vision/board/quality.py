@@ -19,7 +19,7 @@ MAX_EDGE_WIDTH = (
 MAX_EDGE_WIDTH_SQUARES = 0.4
 # every lens and demosaicing make edges of 3 to 5 px, in small photographs too
 MIN_EDGE_WIDTH_LIMIT_PX = 8.0
-TOO_SMALL_PX = 1000.0  # OpenCV says 9999 where squares are too small for it to follow an edge
+UNKNOWN_WIDTH_PX = 1000.0  # OpenCV says 9999 where squares are too small for it to follow an edge
 CLIPPED_LEVEL = 252  # of 255: JPEG moves full white by a few levels
 MIN_EDGE_CONTRAST = 25.0  # grey levels across an edge for its width to be measured
 
@@ -111,14 +111,14 @@ def sharpest_edge_width_px(grey: ImageArray) -> float:
 def marker_edge_width_px(contrast: ImageArray, grid: Float64Array) -> float:
     """Mean width of the edges between the marker's squares, px, from a tenth to nine tenths of the step.
 
-    Of squares too small for that, the width of the sharpest edges around them.
+    Of squares too small for that, the width of the sharpest edges between the outermost corners.
     contrast: (H, W). grid: (r, c, 2) inner corners, px.
     """
     rows, columns = grid.shape[:2]
     corners = np.ascontiguousarray(grid.reshape(-1, 1, 2), np.float32)
     mean, _ = cv2.estimateChessboardSharpness(contrast, (columns, rows), corners)
     width_px = float(np.ravel(mean)[0])
-    if width_px < TOO_SMALL_PX:
+    if width_px < UNKNOWN_WIDTH_PX:
         return width_px
     (left, top), (right, bottom) = corners[:, 0].min(axis=0), corners[:, 0].max(axis=0)
     return sharpest_edge_width_px(contrast[int(top) : int(bottom), int(left) : int(right)])

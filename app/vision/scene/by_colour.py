@@ -86,7 +86,7 @@ def places_by_colour(
 ) -> list[Place]:
     """The places that hold food. points: (h, w) small parts that are food for certain.
 
-    wanted: (h, w) where food is looked for, on a dish or on the table; None: everywhere.
+    wanted: (h, w); dishes, and the table, without any of it are left out. None: nothing is.
     """
     scene = layout.scene
     nothing = np.zeros(scene.is_ignored.shape, np.bool_)

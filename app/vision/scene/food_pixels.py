@@ -73,8 +73,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     window = window_around(
         place.may_be_food, MARGIN_PX
     )  # in which the background's colours are known
-    down, across = place.may_be_food[window].shape
-    shape = (across, down)
+    shape = place.may_be_food[window].shape[::-1]
     scale = min(1.0, SIDE_PX / max(shape))
     size = (max(8, round(shape[0] * scale)), max(8, round(shape[1] * scale)))
     roi, band, sure, core, deep = (
@@ -126,8 +125,10 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     over_floor = np.where(is_measured, height - np.float32(place.floor_mm), np.float32(np.nan))
     gaps = find_gaps(sure, over_floor, colour, scene.pixel_mm / scale)
     for _ in range(ROUNDS - 1):
-        before, (food, others) = is_food, _apart(is_food, is_ignored)
-        is_food = cut(food, others, np.zeros_like(core))[0] if food.any() else is_food
+        food, others = _apart(is_food, is_ignored)
+        before = is_food
+        if food.any():
+            is_food, _ = cut(food, others, np.zeros_like(core))
         if is_settled(is_food, before):
             break
     # Where food and support are alike the cut closes a gap, for its border is longer than the colours are worth.

@@ -11,7 +11,7 @@ from app.vision.model import Float32Array, ImageArray, MaskArray
 
 LEVELS = 80  # steps of the channel that carries the ratios
 LIMIT_NATS = 10.0  # ratios beyond are as good as certain
-SETTLED = 0.005  # of a mask
+SETTLED = 0.005  # share of a mask's pixels that still change
 WIDE = 1e6  # variance that makes the feature channels mute in the data term
 
 
@@ -47,6 +47,11 @@ def cut_in_two(
     return np.asarray((labels == cv2.GC_FGD) | (labels == cv2.GC_PR_FGD), np.bool_)
 
 
+def is_settled(mask: MaskArray, before: MaskArray) -> bool:
+    """Return whether a further round of learning colours from a cut would hardly change it. Both (h, w)."""
+    return bool(np.count_nonzero(mask ^ before) <= SETTLED * np.count_nonzero(mask))
+
+
 def _model(mean: float, variance: float) -> np.ndarray:
     """One Gaussian in GrabCut's layout: five weights, five means, five covariances."""
     model = np.zeros((1, 65))
@@ -54,8 +59,3 @@ def _model(mean: float, variance: float) -> np.ndarray:
     model[0, 5:8] = [mean, 128.0, 128.0]
     model[0, 20:29] = np.diag([variance, WIDE, WIDE]).ravel()
     return model
-
-
-def is_settled(mask: MaskArray, before: MaskArray) -> bool:
-    """Return whether a further round of learning colours from a cut would hardly change it. Both (h, w)."""
-    return bool(np.count_nonzero(mask ^ before) <= SETTLED * np.count_nonzero(mask))

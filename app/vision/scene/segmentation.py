@@ -129,12 +129,12 @@ def segment_foods(
     is_table_sure: bool = True,
     has_judge: bool = False,
 ) -> Foods | Failure:
-    """Foods in the order of their size, those of hints first.
+    """Foods in the order of their size, those of hints first, then what colours alone show.
 
     points_table: (H, W, 3) mm, NaN. ignored: (H, W) marker sheet and what is not seen. vessels: (H, W) those that are
     measured by themselves. is_complete: only what the hints point at is returned. is_table_sure: a marker lies on it;
-    otherwise the plane was found in the scene, and may be a dish's. has_judge: what colours alone show is added, for
-    forms to tell whether it stands. Failure "no_food_found".
+    otherwise the plane was found in the scene, and may be a dish's. has_judge: what colours alone show is added
+    to the foods of a pair, for forms to tell whether it stands. Failure "no_food_found".
     """
     canvas = _canvas(pair)
     unseen = canvas | ~pair.is_seen
@@ -226,20 +226,25 @@ def _by_colour_beside(
     if not unmeasured.any():
         return []
     plain = without_heights(scene)
-    dishes = (
-        replace(layout, scene=plain) if layout.dishes else lay_out_by_colour(plain, layout.trend)
-    )
+    of_colours = replace(layout, scene=plain)
+    if not layout.dishes:
+        of_colours = lay_out_by_colour(plain, layout.trend)
+        rims = [with_measured_rim(dish, of_colours.view, scene) for dish in of_colours.dishes]
+        of_colours = replace(of_colours, dishes=rims)
+    around = replace(plain, is_ignored=taken)
     masks: list[MaskArray] = []
-    for place in places_by_colour(dishes, [], unmeasured):
-        new = opened(place.is_sure & ~known, UNMEASURED_PX)
-        parts = [part for part in components(new) if _may_stand_high(part, taken, scene)]
-        if parts:
-            around = replace(plain, is_ignored=taken)
+    for place in places_by_colour(of_colours, [], unmeasured):
+        new = components(opened(place.is_sure & ~known, UNMEASURED_PX))
+        parts = [part for part in new if (part & unmeasured).any()]
+        parts = [part for part in parts if _may_stand_high(part, taken, scene)]
+        is_bowl = place.dish is not None and place.dish.is_deep  # whose content has no form
+        if parts and not is_bowl:
             sure = np.asarray(np.any(parts, axis=0), np.bool_)
             own = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
             masks += [_without_hole(each.mask, taken, plain) for each in own]
     regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
-    return _supported([region for region in regions if region.mask.any()], layout)
+    regions = [region for region in regions if region.mask.any()]
+    return _supported(regions, replace(of_colours, scene=scene), known)
 
 
 def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:
@@ -270,10 +275,13 @@ def _canvas(pair: RectifiedPair) -> MaskArray:
     return distance_px(canvas) < CANVAS_WIDTH_PX
 
 
-def _supported(regions: Sequence[Region], layout: Layout) -> list[Region]:
-    """The regions with what each of them rests on and lies in."""
+def _supported(
+    regions: Sequence[Region], layout: Layout, others: MaskArray | None = None
+) -> list[Region]:
+    """The regions with what each of them rests on and lies in. others: (h, w) further foods."""
     masks = [_reduced(region.mask, layout.scene) for region in regions]
-    foods = np.any(masks, axis=0) if masks else np.zeros(layout.scene.is_ignored.shape, np.bool_)
+    none = np.zeros(layout.scene.is_ignored.shape, np.bool_)
+    foods = np.any([none if others is None else others, *masks], axis=0)
     return [
         replace(
             region,

@@ -57,8 +57,8 @@ class MeasuredItem:
     """A food with its mask on the rectified grid, the points measured, its support's height and its volume.
 
     volume: None where the food is there and how much of it is not to be seen. sight: how the views see points about
-    it, if it was measured by that; None: by the poses alone. seen_again: the share of its outline that the second view
-    has where its form puts it; None without a form, or of a single view.
+    it, if it was measured by that; None: by the poses alone. seen_again: how clear its outline is in the second view,
+    where its form puts it, over how clear in the first; None where that is not known.
     """
 
     region: Region
@@ -71,9 +71,11 @@ class MeasuredItem:
 
     @property
     def shows_rest(self) -> bool:
-        """Return whether both photographs show it in one place: by its outline, without a form by its surface."""
-        if self.volume is None or self.seen_again is None:
-            return self.volume is not None and "low_texture" not in self.flags
+        """Return whether both photographs show it in one place: by its outline, without one by its surface."""
+        if self.volume is None:
+            return False
+        if self.seen_again is None:
+            return "low_texture" not in self.flags
         return self.seen_again > TUNING.least_seen_again
 
 
@@ -107,7 +109,7 @@ def without_clutter(measured: Sequence[MeasuredItem | None]) -> list[MeasuredIte
             "If food lies there, photograph it at a slant of about 45 degrees with the whole plate in both views, or "
             "mark it.",
         )
-    return [not_measurable(item) if _says_nothing(item) else item for item in items] or Failure(
+    return [not_measurable(item) if _has_no_volume(item) else item for item in items] or Failure(
         "food_not_measured",
         "Food was found, but its surface could not be measured: it looks too plain or too different in the two views.",
         "Take both photographs closer together, sharp, in even light, and avoid glare on the food.",
@@ -119,7 +121,7 @@ def is_low_texture(is_measured: MaskArray, mask: MaskArray) -> bool:
     return bool(np.count_nonzero(is_measured & mask) < LOW_COVER * np.count_nonzero(mask))
 
 
-def _says_nothing(item: MeasuredItem) -> bool:
+def _has_no_volume(item: MeasuredItem) -> bool:
     if item.volume is None:
         return False
     was_moved = item.seen_again is not None and not item.shows_rest

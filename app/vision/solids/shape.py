@@ -15,7 +15,7 @@ from app.vision.geometry.mesh import Topology, faces_towards
 from app.vision.geometry.pictures import LabPicture, grey_of
 from app.vision.model import Float32Array, Float64Array, Hint, MaskArray
 from app.vision.scene.filled_vessel import FilledVessel
-from app.vision.scene.segmentation import Foods, Region
+from app.vision.scene.segmentation import Foods, Region, no_food_found
 from app.vision.scene.vessel import Vessel
 from app.vision.solids.bowl import measure_content
 from app.vision.solids.families import below_gap, families
@@ -125,6 +125,8 @@ def measure_shapes(
         )
         if item is not None or not region.is_by_colour:
             measured.append(item)
+    if not measured:
+        return no_food_found()
     return without_clutter(measured)
 
 
@@ -265,10 +267,15 @@ def _scene_of(
 
 def _without(line: Outline, hidden_by: MaskArray) -> Outline:
     """The outline without weight where another food in front of this one ends it."""
+    return replace(line, weights=np.where(_is_hidden(line, hidden_by), 0.0, line.weights))
+
+
+def _is_hidden(line: Outline, hidden_by: MaskArray) -> MaskArray:
+    """Return (n,) where foods in front, (H, W), end an outline."""
     beyond = np.rint(line.points_px + TUNING.beyond_px * line.normals).astype(np.int64)
     height, width = hidden_by.shape
     column, row = np.clip(beyond[:, 0], 0, width - 1), np.clip(beyond[:, 1], 0, height - 1)
-    return replace(line, weights=np.where(hidden_by[row, column], 0.0, line.weights))
+    return hidden_by[row, column]
 
 
 def _fit_families(food: _Food, prior: FormPrior | None) -> tuple[list[FormFit], Seen]:
@@ -415,7 +422,7 @@ def _measured(
     seen_again = None
     if result is None:
         fits, seen = _fit_families(food, prior)
-        seen_again = None if food.grey is None else _seen_again(seen)
+        seen_again = _seen_again(food, seen)
         if not fits or (region.is_by_colour and not _stands(fits[0], seen_again)):
             return None
         result = average_forms(
@@ -429,20 +436,32 @@ def _measured(
     return MeasuredItem(region, food.points, support_mm, volume, flags, food.sight, seen_again)
 
 
-def _seen_again(seen: Seen) -> float:
-    """Return the share of the first view's outline that the second one has where the form puts it."""
-    first, second = seen.outlines[:2]
-    if first is None or second is None:
+def _seen_again(food: _Food, seen: Seen) -> float | None:
+    """Return how clear the food's outline is in the second view, where the form puts it, over how clear in the first.
+
+    Where another food hides it, it tells nothing. None without a second view, or where a depth map shows the food.
+    """
+    if food.grey is None or seen.by_maps:
+        return None
+    first, second = (
+        None if line is None else line.weights[~_is_hidden(line, hidden_by)]
+        for line, hidden_by in zip(seen.outlines, food.hidden_by, strict=False)
+    )
+    if first is None or not first.any():
+        return None
+    if second is None:
         return 0.0
-    clear, clear_again = float(first.weights.mean()), float(second.weights.mean())
-    return clear_again / (TUNING.second_weight * max(clear, 1e-9))
+    if len(second) == 0:
+        return None
+    return float(second.mean() / (TUNING.second_weight * first.mean()))
 
 
 def _stands(fit: FormFit, seen_again: float | None) -> bool:
     """Return whether both views show a form, and surely of a food's height: no napkin, telephone or shadow."""
     high_mm = float(np.ptp(fit.form.vertices(fit.unknowns, FINE)[:, 2]))
     least_mm = high_mm * (1.0 - NORMAL_90 * fit.volume_sd_ml / fit.volume_ml)
-    return least_mm > TUNING.least_height_mm and (seen_again or 0.0) > TUNING.least_seen_again
+    is_seen = seen_again is not None and seen_again > TUNING.sure_seen_again
+    return is_seen and least_mm > TUNING.least_height_mm
 
 
 def _of_bowl(

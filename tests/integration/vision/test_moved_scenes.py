@@ -60,6 +60,7 @@ def test_food_pushed_between_the_photographs_is_not_measured(apple, move):
 
 @pytest.mark.parametrize("move", [(-20, 0), (20, 0), (0, 20), (0, -20), (0, 60), (0, 8)])
 def test_foods_pushed_on_their_plate_are_not_measured(salad, move):
-    """Not (8, 0), along the line between the cameras: pushed a little, food looks like food that is higher."""
+    """Not (8, 0) to (15, 0), along the line between the cameras: such food looks like food that is higher."""
     estimate = salad.estimate(with_food_moved(salad, *move))
-    assert estimate.failure is not None or all(item.volume_ml is None for item in estimate.items)
+    assert all(item.volume_ml is None for item in estimate.items)
+    assert estimate.items or estimate.failure.code in NOT_MEASURED

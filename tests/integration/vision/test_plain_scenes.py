@@ -14,7 +14,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True)
 def hardly_any_features(monkeypatch):
-    """Make SIFT see edges alone and hide all corners, as if the scene had no texture."""
+    """Make SIFT see edges alone and leave no corners to follow, as if the scene had no texture."""
     cv2.setNumThreads(1)
     monkeypatch.setattr(features, "MIN_CONTRASTS", (0.3,))
     monkeypatch.setattr(features, "corners_of", lambda *_: np.empty((0, 2)))

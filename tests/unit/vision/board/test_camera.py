@@ -144,6 +144,12 @@ def test_photographs_of_different_zoom_or_size_have_a_camera_each():
     assert views[1].centre_mm == pytest.approx(RIGHT.centre_mm, abs=0.05)
 
 
+def test_corners_of_small_squares_may_be_as_noisy_as_a_small_photograph_makes_them():
+    small = replace(PHONE, width=300, height=225, fx=244.0, fy=244.0, cx=149.5, cy=112.0)
+    views = estimate(cameras=(small, small), given=small, noise_px=0.25)
+    assert views[1].centre_mm == pytest.approx(RIGHT.centre_mm, rel=0.1)
+
+
 NO_POSES = {
     "too near": ({"poses": (LEFT, look_at(50, -94.5, target_mm=(40, 0, 0)))}, "baseline_too_small"),
     "too far": ({"poses": (LEFT, look_at(50, 0, target_mm=(40, 0, 0)))}, "baseline_too_large"),

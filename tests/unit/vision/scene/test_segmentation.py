@@ -244,6 +244,14 @@ def test_food_of_which_no_height_is_measured_is_left_for_forms_to_judge():
     (found,) = meal.segment(unmeasured=unmeasured, has_judge=True)
     assert found.is_by_colour
     assert iou(found.mask, food) > 0.9
+    assert found.support.height_mm == pytest.approx(4.0, abs=2.0)
+    assert meal.segment(unmeasured=unmeasured, has_judge=True, is_complete=True).code == "no_food_found"
+
+
+def test_what_fills_a_bowl_is_not_proposed_by_its_colour():
+    meal = Meal().plate(rim_mm=60.0)
+    meal.image[disc(210, 280, 120)] = FOOD_BGR
+    assert meal.segment(unmeasured=disc(210, 280, 165), has_judge=True).code == "no_food_found"
 
 
 @pytest.mark.parametrize("flat_mm", [0.0, 12.0])

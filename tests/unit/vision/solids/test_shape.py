@@ -111,8 +111,8 @@ def depth_shown(sd_px):
     return DisparityMap((parallax + noise).astype(np.float32), reach, sd, error_area_px=1.0)
 
 
-def test_depth_map_leaves_less_doubt_where_the_photographs_show_no_parallax():
+def test_depth_map_measures_what_the_second_photograph_does_not_show():
     region = Region(scene()[1], support=ON_TABLE)
     (without,), (item,) = (measure(region, is_plain=True, depths=each) for each in ((), [depth_shown(0.5)]))
+    assert without.volume is None
     assert np.isclose(item.volume.volume_ml, BALL.volume_ml, rtol=TOLERANCE)
-    assert item.volume.relative_sd["item"] < 0.95 * without.volume.relative_sd["item"]
