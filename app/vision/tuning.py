@@ -66,13 +66,12 @@ class FormTuning:
     snap_px: float = 4.0  # across an outline, how far its edge is sought in the first view
     snap_second_px: float = 5.0  # the same in the second view
     second_weight: float = 0.5  # of the second view's outline, which was sought where the form was
-    # of a food's outline, that the second view has where its form puts it: of 250 rendered foods at rest 0.56 and more,
-    # of foods pushed by 8 mm across the line between the cameras, parts of a dish, pairs of two meals 0.05 to 0.48
+    # How clear an outline is in the second view over how clear in the first: no food of 252 at rest,
+    # of two rendered sets, lies below; pushed foods and parts of a dish had 0.05 to 0.48.
     least_seen_again: float = 0.5
-    sure_seen_again: float = (
-        0.65  # the same of what colours alone show: prints on a table have up to 0.6
-    )
-    # height over its support that a food is surely seen to have which colours alone show: a telephone has 8 to 9 mm
+    # the same of what colours alone show; prints on a table had 0.6: chosen on development scenes
+    sure_seen_again: float = 0.65
+    # height over its support of what colours alone show; a telephone has 8 to 9 mm
     least_height_mm: float = 13.0
     temper: float = 4.0  # by which differences of evidence count less: what no family can be errs alike all over a food
     # in the evidence, of the price of what had to be fitted: priors are wide
@@ -173,3 +172,21 @@ class FlowTuning:
 
 
 FLOW_TUNING = FlowTuning()
+
+
+@dataclass(frozen=True, slots=True)
+class ColourTuning:
+    """Tuning of what colours show (segmentation.py, by_colour.py, min_cut.py); px of the scene's grid."""
+
+    course_points: int = (
+        4000  # at least, by which a course of light is fitted, if there are so many
+    )
+    settled: float = 0.005  # share of a cut's pixels that change, below which it is the last one
+    unmeasured_px: int = 9  # wide: what a food hides from the second view is narrower
+    around_px: int = 21  # side of the square in which the edge of what stands is measured as high
+    # Of the heights there: telephones, cutlery, napkins are lower; chosen on development scenes.
+    top_quantile: float = 0.95
+    low_mm: float = 10.0
+
+
+COLOUR_TUNING = ColourTuning()

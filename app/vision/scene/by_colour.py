@@ -42,6 +42,7 @@ from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
 from app.vision.scene.upright_sides import flat_top
+from app.vision.tuning import COLOUR_TUNING
 
 TABLE_REACH_MM = 480.0  # from the sheet: beyond lies the room
 BORDER_SHARE = 0.05  # of the picture's sides: its border, which foods seldom reach
@@ -51,7 +52,6 @@ SIDE_PX = 360  # of the reduced picture
 COMMON_SHARE = 0.02  # of the bare surface, whose rarest colours are left out of what it is like
 ROUNDS = 3
 LIGHT_ROUNDS, LIGHT_RIDGE = 4, 1e-4
-COURSE_POINTS = 4000  # at least, by which a course of light is fitted, where there are so many
 LEAST_LIGHT_SPREAD = 1e-3  # of the log of a channel
 GROWTHS = 5
 ALIKE_SPREADS = 3.0
@@ -283,9 +283,10 @@ def _evenly_lit(
 
 def _course(values: Float32Array, design: Float32Array, where: MaskArray) -> Float32Array:
     """(h, w) the slow course of a channel, fitted where a surface shows (h, w), whatever else lies there."""
-    chosen = np.flatnonzero(where)
-    chosen = chosen[:: max(1, len(chosen) // COURSE_POINTS)]
-    rows, seen = design.reshape(-1, design.shape[-1])[chosen], values.ravel()[chosen]
+    pixels = np.flatnonzero(where)
+    step = max(1, len(pixels) // COLOUR_TUNING.course_points)
+    row, column = np.unravel_index(pixels[::step], where.shape)
+    rows, seen = design[row, column], values[row, column]
     ridge = LIGHT_RIDGE * len(rows) * np.eye(rows.shape[1], dtype=np.float32)
     weights = np.ones_like(seen)
     for _ in range(LIGHT_ROUNDS):

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 
 from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.tuning import COLOUR_TUNING
 
 LEVELS = 80  # steps of the channel that carries the ratios
 LIMIT_NATS = 10.0  # ratios beyond are as good as certain
-SETTLED = 0.005  # share of a mask's pixels that still change
 WIDE = 1e6  # variance that makes the feature channels mute in the data term
 
 
@@ -48,8 +48,9 @@ def cut_in_two(
 
 
 def is_settled(mask: MaskArray, before: MaskArray) -> bool:
-    """Return whether a further round of learning colours from a cut would hardly change it. Both (h, w)."""
-    return bool(np.count_nonzero(mask ^ before) <= SETTLED * np.count_nonzero(mask))
+    """Return whether a cut, (h, w), hardly differs from the one before."""
+    changed = np.count_nonzero(mask ^ before)
+    return bool(changed <= COLOUR_TUNING.settled * np.count_nonzero(mask))
 
 
 def _model(mean: float, variance: float) -> np.ndarray:

@@ -43,6 +43,7 @@ from app.vision.scene.support import (
 )
 from app.vision.scene.upright_sides import with_sides
 from app.vision.scene.vessel import Vessel, describe_vessel
+from app.vision.tuning import COLOUR_TUNING
 from app.vision.views.disparity import DisparityMap
 from app.vision.views.rectification import RectifiedPair
 
@@ -53,9 +54,6 @@ CANVAS_WIDTH_PX = 9  # of the rectified grid: a window of the finest disparity
 DISH_SHARE = 0.8
 # of a region beyond what hints point at, from which on it is another food than theirs
 OTHER_FOOD_SHARE = 0.4
-UNMEASURED_PX = 9  # what a food hides from the second view is narrower
-AROUND_PX = 21  # in which the edge of what stands is measured as high
-TOP_QUANTILE, LOW_THING_MM = 0.95, 10.0  # of its heights: telephones, cutlery, napkins are lower
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,14 +212,17 @@ def _by_colour(
 def _by_colour_beside(
     foods: Foods, layout: Layout, is_unseen: MaskArray, shape: tuple[int, int]
 ) -> list[Region]:
-    """What colours show beside the foods that heights do: smooth food, of which little is measured; or a shadow.
+    """Return what colours show where heights show no food: smooth food, or a shadow.
 
-    is_unseen: (h, w). shape: of the whole grid.
+    is_unseen: (h, w) as _find_foods has it
+    shape: of the whole grid
     """
     scene = layout.scene
-    known = dilated(_reduced(foods.mask, scene), 3) if foods.regions else np.zeros_like(is_unseen)
+    known = np.zeros_like(is_unseen)
+    if foods.regions:
+        known = dilated(_reduced(foods.mask, scene), 3)
     taken = scene.is_ignored | known
-    unmeasured = opened(~np.isfinite(scene.height_mm) & ~taken, UNMEASURED_PX)
+    unmeasured = opened(~np.isfinite(scene.height_mm) & ~taken, COLOUR_TUNING.unmeasured_px)
     unmeasured = without_specks(unmeasured, MIN_AREA_MM2 / scene.pixel_mm**2)
     if not unmeasured.any():
         return []
@@ -234,9 +235,12 @@ def _by_colour_beside(
     around = replace(plain, is_ignored=taken)
     masks: list[MaskArray] = []
     for place in places_by_colour(of_colours, [], unmeasured):
-        new = components(opened(place.is_sure & ~known, UNMEASURED_PX))
-        parts = [part for part in new if (part & unmeasured).any()]
-        parts = [part for part in parts if _may_stand_high(part, taken, scene)]
+        new = opened(place.is_sure & ~known, COLOUR_TUNING.unmeasured_px)
+        parts = [
+            part
+            for part in components(new)
+            if (part & unmeasured).any() and _may_stand_high(part, taken, scene)
+        ]
         is_bowl = place.dish is not None and place.dish.is_deep  # whose content has no form
         if parts and not is_bowl:
             sure = np.asarray(np.any(parts, axis=0), np.bool_)
@@ -248,10 +252,9 @@ def _by_colour_beside(
 
 
 def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:
-    """Return False if the heights of a part (h, w) and around it are as low as those of what is no food: a print."""
-    seen = dilated(part, AROUND_PX) & ~taken
-    heights = scene.height_mm[seen & np.isfinite(scene.height_mm)]
-    return len(heights) < MIN_POINTS or float(np.quantile(heights, TOP_QUANTILE)) > LOW_THING_MM
+    """Return False if the heights of a part and around it, (h, w), are too low for a food."""
+    around = dilated(part, COLOUR_TUNING.around_px) & ~taken
+    return _reaches(around, scene, COLOUR_TUNING.top_quantile, COLOUR_TUNING.low_mm)
 
 
 def _plain_dishes(foods: Foods, layout: Layout) -> list[Dish]:
@@ -310,8 +313,13 @@ def _on_measured_support(
 
 def _may_stand(region: Region, scene: Scene) -> bool:
     """Return False if the measured heights of a region lie flat: an empty board is no food."""
-    heights = scene.height_mm[_reduced(region.mask, scene) & np.isfinite(scene.height_mm)]
-    return len(heights) < MIN_POINTS or float(np.median(heights)) > FLAT_MM
+    return _reaches(_reduced(region.mask, scene), scene, 0.5, FLAT_MM)
+
+
+def _reaches(where: MaskArray, scene: Scene, quantile: float, height_mm: float) -> bool:
+    """Return whether a quantile of the heights in a mask (h, w) is over a height, or few are known."""
+    heights = scene.height_mm[where & np.isfinite(scene.height_mm)]
+    return len(heights) < MIN_POINTS or float(np.quantile(heights, quantile)) > height_mm
 
 
 def _is_hinted_food(dish: Dish, layout: Layout, hints: Sequence[HintMask]) -> bool:

@@ -447,11 +447,7 @@ def _seen_again(food: _Food, seen: Seen) -> float | None:
         None if line is None else line.weights[~_is_hidden(line, hidden_by)]
         for line, hidden_by in zip(seen.outlines, food.hidden_by, strict=False)
     )
-    if first is None or not first.any():
-        return None
-    if second is None:
-        return 0.0
-    if len(second) == 0:
+    if first is None or second is None or not first.any() or len(second) == 0:
         return None
     return float(second.mean() / (TUNING.second_weight * first.mean()))
 
