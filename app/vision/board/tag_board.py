@@ -16,7 +16,6 @@ from app.vision.board.grid import reduced
 from app.vision.board.print_layout import border_share, print_points_mm, tag_corners_mm
 from app.vision.board.quality import judge_photograph, judge_tags
 from app.vision.board.tag_edges import grow_tags, ink_gain_px, refine_tags
-from app.vision.board.tag_quads import TagQuads, dictionary_of, tags_of
 from app.vision.geometry.pictures import grey_of
 from app.vision.geometry.projective import map_points
 from app.vision.marker_spec import DICTIONARIES, MarkerSpec, TagBoard
@@ -32,10 +31,11 @@ from app.vision.model import (
 # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
 MIN_PERIMETER_SHARE = 0.02
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
+# the same of tags that were not announced, of which there are ten families: a few of a board's tell which it is
+MAX_FOREIGN_QUADS = 250
 # than the outlines of which there are too many: a cloth's squares are all alike
 LONGER_THAN_ALIKE = 1.1
 QUAD_WINDOW_PX = 13  # in which a place is darker than around it, in a photograph of half the size
-QUICK_TAGS = 100  # in a dictionary: of more, the detector is given those alone that are possible, to save time
 # long side on which tags that were not announced are sought: they only explain a refusal
 FOREIGN_SIDE_PX = 2016
 MIN_TAGS = 4
@@ -83,8 +83,7 @@ def find_tag_board(photo: Photo, spec: TagBoard, where: str) -> MarkerObservatio
     Failures: marker_mismatch, marker_covered, image_too_dark, image_blurred. where: such as "in the left photograph".
     """
     grey = grey_of(photo.pixels_bgr)
-    quads = _quads_of(grey)
-    tags = _detect_tags(grey, spec.dictionary, quads)
+    tags = _detect_tags(grey, spec.dictionary, _parameters(_least_perimeter_share(grey, MAX_QUADS)))
     on_board = tags.chosen(_placed(tags, spec))
     seen: MarkerObservation | Failure | None = _other_board(tags, len(on_board), spec, where)
     if seen is None and len(on_board) >= MIN_TAGS:
@@ -95,7 +94,7 @@ def find_tag_board(photo: Photo, spec: TagBoard, where: str) -> MarkerObservatio
     if unfit is not None:
         return unfit
     if seen is None:
-        seen = _foreign_tags(grey, quads, spec, where)
+        seen = _foreign_tags(grey, spec, where)
     return _covered(len(on_board), where) if seen is None and len(on_board) else seen
 
 
@@ -127,51 +126,20 @@ def _read_board(
     return observation if unfit is None else unfit
 
 
-def _detect_tags(grey: ImageArray, name: str, quads: TagQuads) -> Tags:
-    """Tags of the named dictionary, each number once: where two tags have it, the larger one. quads: of grey."""
-    dictionary = dictionary_of(name)
-    if len(dictionary.bytesList) > QUICK_TAGS:
-        return _detect_possible(grey, name, quads.parameters, _possible_tags(quads, name))
-    return _detect_possible(grey, name, quads.parameters, np.arange(len(dictionary.bytesList)))
-
-
-def _detect_mirrored(grey: ImageArray, name: str, quads: TagQuads) -> Tags:
-    """The same of the mirror image. Quads that show no tag mirrored show none when the image is mirrored instead."""
-    possible = _possible_tags(quads, name, is_mirrored=True)
-    return _detect_possible(np.ascontiguousarray(grey[:, ::-1]), name, quads.parameters, possible)
-
-
-def _possible_tags(quads: TagQuads, name: str, *, is_mirrored: bool = False) -> Int64Array:
-    """Numbers of the tags that the detector may see."""
-    errors = int(dictionary_of(name).maxCorrectionBits * quads.parameters.errorCorrectionRate)
-    return quads.possible_tags(name, errors, is_mirrored=is_mirrored)
-
-
-def _detect_possible(
-    grey: ImageArray, name: str, parameters: cv2.aruco.DetectorParameters, possible: Int64Array
-) -> Tags:
-    """Tags with these numbers."""
-    if len(possible) == 0:
-        return _largest((), ())
-    corners, ids, _ = cv2.aruco.ArucoDetector(tags_of(name, possible), parameters).detectMarkers(
-        grey
-    )
-    return _largest(possible[np.ravel(ids)] if ids is not None else (), corners)
+def _detect_tags(grey: ImageArray, name: str, parameters: cv2.aruco.DetectorParameters) -> Tags:
+    """Tags of the named dictionary, each number once: where two tags have it, the larger one."""
+    detector = cv2.aruco.ArucoDetector(dictionary_of(name), parameters)
+    corners, ids, _ = detector.detectMarkers(grey)
+    return _largest(() if ids is None else np.ravel(ids), corners)
 
 
 def _detect_of_any(
-    grey: ImageArray, names: Sequence[str], quads: TagQuads
-) -> tuple[str, Tags] | None:
-    """The dictionary of most of the tags that show their bits without an error, and its tags; None if these are few."""
-    possible = {name: quads.possible_tags(name, 0) for name in names}
-    likely = [name for name in names if len(possible[name]) >= MIN_TAGS]
-    if not likely:
-        return None
-    parameters = _parameters(quads.parameters.minMarkerPerimeterRate)
-    parameters.errorCorrectionRate = 0.0
-    detector = cv2.aruco.ArucoDetector(
-        [tags_of(name, possible[name]) for name in likely], parameters
-    )
+    grey: ImageArray, names: Sequence[str], parameters: cv2.aruco.DetectorParameters
+) -> tuple[str, Tags]:
+    """The dictionary of most of the tags that show their bits without an error, and its tags."""
+    exact = _parameters(parameters.minMarkerPerimeterRate)
+    exact.errorCorrectionRate = 0.0
+    detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in names], exact)
     corners, ids, _, of_dictionary = detector.detectMarkersMultiDict(grey)
     numbers, places = (
         np.ravel(each) if each is not None else np.empty(0, np.int64)
@@ -179,13 +147,12 @@ def _detect_of_any(
     )
     tags = [
         _largest(
-            possible[name][numbers[places == place]],
+            numbers[places == place],
             [quad for quad, own in zip(corners, places, strict=True) if own == place],
         )
-        for place, name in enumerate(likely)
+        for place in range(len(names))
     ]
-    most = max(zip(likely, tags, strict=True), key=lambda each: len(each[1]))
-    return most if len(most[1]) >= MIN_TAGS else None
+    return max(zip(names, tags, strict=True), key=lambda each: len(each[1]))
 
 
 def _parameters(least_perimeter_share: float) -> cv2.aruco.DetectorParameters:
@@ -195,8 +162,9 @@ def _parameters(least_perimeter_share: float) -> cv2.aruco.DetectorParameters:
     return parameters
 
 
-def _quads_of(grey: ImageArray) -> TagQuads:
-    return TagQuads(grey, _parameters(_least_perimeter_share(grey)))
+def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's, whose names of AprilTags have a capital H too."""
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
@@ -213,8 +181,8 @@ def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
     )
 
 
-def _least_perimeter_share(grey: ImageArray) -> float:
-    """Perimeter, as a share of the long side, from which on a photograph has no more quadrangles than can be looked at.
+def _least_perimeter_share(grey: ImageArray, most: int) -> float:
+    """Perimeter, as a share of the long side, from which on a photograph has no more quadrangles than `most`.
 
     The detector compares each with each: a chequered tablecloth of 9,000 squares would hold it for minutes.
     """
@@ -225,9 +193,9 @@ def _least_perimeter_share(grey: ImageArray) -> float:
     contours, _ = cv2.findContours(dark, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
     # The detector sees the same outlines in the whole photograph, where a perimeter may be some px longer.
     shares = (np.sort(list(map(len, contours)))[::-1] + 4.0) / max(image.shape)
-    if len(shares) <= MAX_QUADS:
+    if len(shares) <= most:
         return MIN_PERIMETER_SHARE
-    return max(MIN_PERIMETER_SHARE, LONGER_THAN_ALIKE * float(shares[MAX_QUADS]))
+    return max(MIN_PERIMETER_SHARE, LONGER_THAN_ALIKE * float(shares[most]))
 
 
 def _placed(tags: Tags, spec: TagBoard, *, is_legacy: bool = False) -> MaskArray:
@@ -273,21 +241,16 @@ def _other_board(tags: Tags, on_board: int, spec: TagBoard, where: str) -> Failu
     return mismatch(spec, where, f"another board of {len(tags)} tags of {spec.dictionary}")
 
 
-def _foreign_tags(grey: ImageArray, quads: TagQuads, spec: TagBoard, where: str) -> Failure | None:
-    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any.
-
-    quads: of grey.
-    """
-    fewer, scale = reduced(grey, FOREIGN_SIDE_PX)
-    if scale < 1.0:
-        quads = _quads_of(fewer)
-    mirrored = _detect_mirrored(fewer, spec.dictionary, quads)
+def _foreign_tags(grey: ImageArray, spec: TagBoard, where: str) -> Failure | None:
+    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
+    fewer, _ = reduced(grey, FOREIGN_SIDE_PX)
+    parameters = _parameters(_least_perimeter_share(fewer, MAX_FOREIGN_QUADS))
+    mirrored = _detect_tags(np.ascontiguousarray(fewer[:, ::-1]), spec.dictionary, parameters)
     if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
         return mismatch(spec, where, "its mirror image")
-    other = _detect_of_any(fewer, LARGEST_OF_FAMILY, quads)
-    if other is None:
+    name, tags = _detect_of_any(fewer, LARGEST_OF_FAMILY, parameters)
+    if len(tags) < MIN_TAGS:
         return None
-    name, tags = other
     return mismatch(
         spec, where, f"a board of {len(tags)} tags of another dictionary, {name} or a part of it,"
     )
