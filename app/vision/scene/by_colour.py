@@ -35,13 +35,12 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.dish import Dish
+from app.vision.scene.dish import MAX_SHARED, RIM_RANGE_MM, Dish
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
-from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
+from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
-from app.vision.scene.upright_sides import flat_top
 from app.vision.tuning import COLOUR_TUNING
 
 TABLE_REACH_MM = 480.0  # from the sheet: beyond lies the room
@@ -135,18 +134,19 @@ def places_by_colour(
     return places
 
 
-def dish_around(food: MaskArray, layout: Layout) -> Dish | None:
-    """Return the dish if a region (h, w) is one together with its food; its rim is too plain to be measured."""
+def plain_dishes(layout: Layout) -> list[Dish]:
+    """Return the dishes whose rims are too plain for heights to show them all round, by colour and what is measured."""
     scene, view = layout.scene, layout.view
-    dish = _as_dish(food, scene, view)
-    if dish is None or flat_top(food, scene, 0.0) is not None:
-        return None
-    dish = with_measured_rim(dish, view, scene)
-    inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
-    standing = np.nan_to_num(scene.height_mm) > dish.rim_mm + OVER_RIM_MM
-    deep = inward > RIM_BAND_MM[1]
-    has_food = np.count_nonzero(standing & deep) * scene.pixel_mm**2 > MIN_THING_MM2
-    return dish if has_food and dish.rim_mm > 0 else None
+    nothing = np.zeros(scene.is_ignored.shape, np.bool_)
+    known = np.any([nothing, *(_inward(dish, layout) > 0 for dish in layout.dishes)], axis=0)
+    dishes = []
+    for thing in components(_on_table(scene)):
+        is_known = np.count_nonzero(thing & known) > MAX_SHARED * np.count_nonzero(thing)
+        dish = None if is_known else _as_dish(thing, scene, view)
+        dish = None if dish is None else with_measured_rim(dish, view, scene)
+        if dish is not None and dish.rim_mm > RIM_RANGE_MM[0]:
+            dishes.append(dish)
+    return dishes
 
 
 def _on_table(scene: Scene) -> MaskArray:

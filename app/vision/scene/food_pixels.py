@@ -116,7 +116,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
             texture_bins, food, others
         )
         is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
-        is_always = deep | (core & (_is_alike(place, ratio[core]) | (ratio > 2.0)))
+        is_always = deep | (core & (ratio > ALIKE_NATS)) | _alike(touching(core, deep), ratio)
         return cut_in_two(
             (ratio + evidence).astype(np.float32), features, is_never, is_always
         ), colour
@@ -159,20 +159,23 @@ def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArr
     depth = inward_px(joined, 3)
     reach = np.maximum(np.where(scene.reach_px > FINE_REACH_PX, scene.reach_px, 2.0), 2.0)
     core = joined & (depth > reach + 1)
-    is_fine = scene.reach_px < FINE_REACH_PX
-    deep = sure & is_fine & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm)
+    deep = sure & (depth > reach + SURE_DEPTH_MM / scene.pixel_mm)
     for part in components(sure):
         if not (core & part).any():
             core |= part & (depth > 0.6 * float(depth[part].max()))
     return core, deep
 
 
-def _is_alike(place: Place, ratio: Float32Array) -> bool:
-    """Return whether a food has the colours of its board, so that only heights tell them apart.
+def _alike(core: MaskArray, ratio: Float32Array) -> MaskArray:
+    """(h, w) the parts of the core that look like what they stand on, so that only heights tell them apart.
 
-    ratio: (n,) log likelihood ratio of the core's colours, food over board, nats
+    ratio: (h, w) log likelihood ratio of colour and texture, food over what is around it, nats
     """
-    return place.floor_mm > 0 and len(ratio) > 0 and float(np.median(ratio)) < ALIKE_NATS
+    alike = np.zeros_like(core)
+    for part in components(core):
+        if float(np.median(ratio[part])) < ALIKE_NATS:
+            alike |= part
+    return alike
 
 
 def _apart(is_food: MaskArray, is_ignored: MaskArray) -> tuple[MaskArray, MaskArray]:

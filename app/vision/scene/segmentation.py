@@ -22,7 +22,7 @@ from app.vision.geometry.masks import (
 )
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.by_colour import dish_around, lay_out_by_colour, places_by_colour
+from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour, plain_dishes
 from app.vision.scene.dish import Dish
 from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.scene.food_checks import MIN_AREA_MM2, is_food
@@ -160,12 +160,9 @@ def segment_foods(
         return Foods(regions, layout.trend, tuple(dishes))
 
     layout = lay_out(measured, trend) if pair.second_bgr is not None else None
-    foods = find(layout) if layout is not None else Foods(drawn, trend)
     if layout is not None:
-        plain = _plain_dishes(foods, layout)
-        if plain:
-            layout = replace(layout, dishes=[*layout.dishes, *plain])
-            foods = find(layout)
+        layout = replace(layout, dishes=[*layout.dishes, *plain_dishes(layout)])
+    foods = find(layout) if layout is not None else Foods(drawn, trend)
     if pair.second_bgr is not None and (is_table_sure or (layout is not None and layout.dishes)):
         if layout is not None and has_judge and not is_complete:
             beside = _by_colour_beside(foods, layout, _reduced(unseen, measured), pair.shape)
@@ -187,7 +184,9 @@ def _by_colour(
     if is_pair:
         layout = replace(
             layout,
-            dishes=[with_measured_rim(dish, layout.view, measured) for dish in layout.dishes],
+            dishes=[
+                with_measured_rim(dish, layout.view, measured) or dish for dish in layout.dishes
+            ],
         )
     low = [dish for dish in layout.dishes if dish.rim_mm < LOW_RIM_MM]
     if not foods.regions or any(
@@ -226,13 +225,8 @@ def _by_colour_beside(
     unmeasured = without_specks(unmeasured, MIN_AREA_MM2 / scene.pixel_mm**2)
     if not unmeasured.any():
         return []
-    plain = without_heights(scene)
-    of_colours = replace(layout, scene=plain)
-    if not layout.dishes:
-        of_colours = lay_out_by_colour(plain, layout.trend)
-        rims = [with_measured_rim(dish, of_colours.view, scene) for dish in of_colours.dishes]
-        of_colours = replace(of_colours, dishes=rims)
-    around = replace(plain, is_ignored=taken)
+    of_colours = replace(layout, scene=without_heights(scene))
+    around = replace(of_colours.scene, is_ignored=taken)
     masks: list[MaskArray] = []
     for place in places_by_colour(of_colours, [], unmeasured):
         new = opened(place.is_sure & ~known, COLOUR_TUNING.unmeasured_px)
@@ -244,24 +238,21 @@ def _by_colour_beside(
         is_bowl = place.dish is not None and place.dish.is_deep  # whose content has no form
         if parts and not is_bowl:
             sure = np.asarray(np.any(parts, axis=0), np.bool_)
-            own = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
-            masks += [_without_hole(each.mask, taken, plain) for each in own]
+            seen = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
+            own = [_without_hole(each.mask, taken, scene) for each in seen]
+            if place.is_measured:
+                beside = replace(scene, is_ignored=taken | place.is_elsewhere)
+                own = with_sides(own, beside, place.floor_mm, np.zeros_like(taken))
+            masks += own
     regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
     regions = [region for region in regions if region.mask.any()]
-    return _supported(regions, replace(of_colours, scene=scene), known)
+    return _supported(regions, layout, known)
 
 
 def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:
     """Return False if the heights of a part and around it, (h, w), are too low for a food."""
     around = dilated(part, COLOUR_TUNING.around_px) & ~taken
     return _reaches(around, scene, COLOUR_TUNING.top_quantile, COLOUR_TUNING.low_mm)
-
-
-def _plain_dishes(foods: Foods, layout: Layout) -> list[Dish]:
-    """The dishes that were taken for foods, since their rims are too plain to be measured."""
-    masks = [_reduced(region.mask, layout.scene) for region in foods.regions if region.hint is None]
-    dishes = [dish_around(mask, layout) for mask in masks]
-    return [dish for dish in dishes if dish is not None]
 
 
 def _canvas(pair: RectifiedPair) -> MaskArray:

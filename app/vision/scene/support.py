@@ -131,8 +131,8 @@ def measured_support(
     return Support(table_mm + level_mm, max(sd_mm, TABLE_SD_MM), usual.source)
 
 
-def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish:
-    """The dish, whose outline is known by its colour, with its rim where the few heights there show it.
+def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish | None:
+    """Return the dish, whose outline is known by its colour, with its rim as high as it is measured; None if it is not.
 
     A plain table is no plane that can be found: the plane under such a scene is often the rim's own.
     """
@@ -141,7 +141,7 @@ def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish:
         (inward > 0.0) & (inward < RIM_WIDTH_MM) & np.isfinite(scene.height_mm)
     ]
     if len(heights) < MIN_POINTS:
-        return dish
+        return None
     return replace(dish, rim_mm=float(np.median(heights)))
 
 

@@ -112,6 +112,13 @@ def test_half_shaded_food_with_the_colours_of_its_board_is_found_whole():
     assert iou(food.mask, egg) > 0.7
 
 
+def test_food_of_the_tables_colour_beside_one_of_another_is_found_by_its_heights():
+    meal = Meal().food(150, 150, 60, 45.0).food(200, 330, 70, 45.0, TABLE_BGR)
+    foods = meal.segment(coarse=disc(200, 330, 90))
+    assert len(foods) == 2
+    assert max(iou(food.mask, disc(200, 330, 70)) for food in foods) > 0.75
+
+
 @pytest.mark.parametrize(
     ("meal", "ignored"),
     [

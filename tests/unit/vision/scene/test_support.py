@@ -102,4 +102,4 @@ def test_floor_is_known_by_the_rim_when_the_plane_is_the_rims(plane_mm):
     assert abs(support.height_mm - (3.0 - plane_mm)) < support.sd_mm
     assert support.sd_mm < 5.0
     unmeasured, _ = scene_of(lambda x, y: np.full_like(x, np.nan))
-    assert with_measured_rim(dish, view, unmeasured) is dish  # the usual one
+    assert with_measured_rim(dish, view, unmeasured) is None
