@@ -7,7 +7,7 @@ within, is a dish.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -75,9 +75,9 @@ MAX_SHARE_ON_DISH = 0.75  # of a dish that what lies on it may hide
 
 def lay_out_by_colour(scene: Scene, trend: TableTrend) -> Layout:
     """The layout of a scene without heights."""
-    view = _top_grid(scene)
-    dishes = [_as_dish(thing, scene, view) for thing in components(_on_table(scene))]
-    return Layout(scene, trend, view, [dish for dish in dishes if dish is not None])
+    view, things = _top_grid(scene), _on_table(scene)
+    dishes = [_as_dish(thing, scene, view) for thing in components(things)]
+    return Layout(scene, trend, view, [dish for dish in dishes if dish is not None], things)
 
 
 def places_by_colour(
@@ -90,8 +90,7 @@ def places_by_colour(
     scene = layout.scene
     nothing = np.zeros(scene.is_ignored.shape, np.bool_)
     silhouettes = [_silhouette(dish, layout) for dish in layout.dishes]
-    beside = ~np.asarray(np.any([nothing, *silhouettes], axis=0), np.bool_)
-    things = _on_table(scene) if wanted is None or (beside & wanted).any() else nothing
+    things = layout.things & ~scene.is_ignored
     on_dishes = [
         _on_dish(scene, touching(things, silhouette), _inward(dish, layout))
         if wanted is None or (silhouette & wanted).any()
@@ -134,19 +133,23 @@ def places_by_colour(
     return places
 
 
-def plain_dishes(layout: Layout) -> list[Dish]:
-    """Return the dishes whose rims are too plain for heights to show them all round, by colour and what is measured."""
-    scene, view = layout.scene, layout.view
-    nothing = np.zeros(scene.is_ignored.shape, np.bool_)
-    known = np.any([nothing, *(_inward(dish, layout) > 0 for dish in layout.dishes)], axis=0)
-    dishes = []
-    for thing in components(_on_table(scene)):
+def with_plain_dishes(layout: Layout) -> Layout:
+    """Return the layout with what colours show: things, and dishes whose rims are too plain to be measured all round.
+
+    A rim is as high as the heights there are.
+    """
+    scene, view, things = layout.scene, layout.view, _on_table(layout.scene)
+    known = np.any(
+        [np.zeros_like(things), *(_inward(dish, layout) > 0 for dish in layout.dishes)], axis=0
+    )
+    dishes = list(layout.dishes)
+    for thing in components(things):
         is_known = np.count_nonzero(thing & known) > MAX_SHARED * np.count_nonzero(thing)
         dish = None if is_known else _as_dish(thing, scene, view)
         dish = None if dish is None else with_measured_rim(dish, view, scene)
         if dish is not None and dish.rim_mm > RIM_RANGE_MM[0]:
             dishes.append(dish)
-    return dishes
+    return replace(layout, dishes=dishes, things=things)
 
 
 def _on_table(scene: Scene) -> MaskArray:

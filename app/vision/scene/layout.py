@@ -34,12 +34,16 @@ MOST_OF_IT = 0.5  # of what a mask shows, that lies over a dish
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The scene with heights over a table that no dish has a part in, seen from above, and its dishes."""
+    """The scene with heights over a table that no dish has a part in, seen from above, and its dishes.
+
+    things: (h, w) what lies on the table by its colours, dishes and foods; empty before by_colour.py looks for it.
+    """
 
     scene: Scene
     trend: TableTrend
     view: TopView
     dishes: list[Dish]
+    things: MaskArray
 
 
 def reduced_scene(
@@ -127,13 +131,16 @@ def lay_out(scene: Scene, trend: TableTrend) -> Layout | None:
     dishes = find_dishes(
         view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0)
     )
+    nothing = np.zeros(usable.shape, np.bool_)
     if not dishes:
-        return Layout(scene, trend, view, dishes)
+        return Layout(scene, trend, view, dishes, nothing)
     inward = np.max([dish.inward_at(view, scene.points_table[..., :2]) for dish in dishes], axis=0)
     better = fit_table_trend(scene.points_table[usable & (inward < -CLEAR_OF_DISH_MM)])
     height = scene.points_table[..., 2] - better.height_mm(scene.points_table[..., :2])
     lifted = [_lifted(dish, view, trend, better) for dish in dishes]
-    return Layout(replace(scene, height_mm=height.astype(np.float32)), better, view, lifted)
+    return Layout(
+        replace(scene, height_mm=height.astype(np.float32)), better, view, lifted, nothing
+    )
 
 
 def _lifted(dish: Dish, view: TopView, trend: TableTrend, better: TableTrend) -> Dish:

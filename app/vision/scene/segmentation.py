@@ -22,7 +22,7 @@ from app.vision.geometry.masks import (
 )
 from app.vision.geometry.topview import TableTrend
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour, plain_dishes
+from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour, with_plain_dishes
 from app.vision.scene.dish import Dish
 from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.scene.food_checks import MIN_AREA_MM2, is_food
@@ -160,8 +160,7 @@ def segment_foods(
         return Foods(regions, layout.trend, tuple(dishes))
 
     layout = lay_out(measured, trend) if pair.second_bgr is not None else None
-    if layout is not None:
-        layout = replace(layout, dishes=[*layout.dishes, *plain_dishes(layout)])
+    layout = None if layout is None else with_plain_dishes(layout)
     foods = find(layout) if layout is not None else Foods(drawn, trend)
     if pair.second_bgr is not None and (is_table_sure or (layout is not None and layout.dishes)):
         if layout is not None and has_judge and not is_complete:
