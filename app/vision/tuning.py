@@ -37,8 +37,6 @@ class FormTuning:
     facing_second: tuple[float, float] = (0.075, 0.225)
     contact_mm: float = 0.25  # height over its lowest point within which a form touches its support
     foot_mm: float = 1.0  # height over the support up to which a point is partly the foot's
-    # outside a form's outline, where the form itself may still be: such a line is hidden
-    hidden_px: tuple[float, float, float] = (1.5, 3.0, 4.5)
     min_outline: int = 8  # points of an outline below which it takes no part
     damping: tuple[float, float, float] = (0.1, 1e-4, 1e4)  # Marquardt's: start, least, most
     damping_rise: float = 8.0  # after a step that does not lower the cost

@@ -38,9 +38,10 @@ from app.vision.scene.colour_bins import (
 from app.vision.scene.dish import MAX_SHARED, RIM_RANGE_MM, Dish
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
-from app.vision.scene.places import REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
+from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
+from app.vision.scene.upright_sides import flat_top
 from app.vision.tuning import COLOUR_TUNING
 
 TABLE_REACH_MM = 480.0  # from the sheet: beyond lies the room
@@ -145,11 +146,20 @@ def with_plain_dishes(layout: Layout) -> Layout:
     dishes = list(layout.dishes)
     for thing in components(things):
         is_known = np.count_nonzero(thing & known) > MAX_SHARED * np.count_nonzero(thing)
-        dish = None if is_known else _as_dish(thing, scene, view)
+        is_pack = flat_top(thing, scene, 0.0) is not None
+        dish = None if is_known or is_pack else _as_dish(thing, scene, view)
         dish = None if dish is None else with_measured_rim(dish, view, scene)
-        if dish is not None and dish.rim_mm > RIM_RANGE_MM[0]:
+        if dish is not None and dish.rim_mm > RIM_RANGE_MM[0] and _holds_food(dish, layout):
             dishes.append(dish)
     return replace(layout, dishes=dishes, things=things)
+
+
+def _holds_food(dish: Dish, layout: Layout) -> bool:
+    """Return whether something stands in a dish, as nothing does on a printed pack."""
+    scene = layout.scene
+    standing = np.nan_to_num(scene.height_mm) > dish.rim_mm + OVER_RIM_MM
+    standing &= _inward(dish, layout) > RIM_BAND_MM[1]
+    return bool(np.count_nonzero(standing) * scene.pixel_mm**2 > MIN_THING_MM2)
 
 
 def _on_table(scene: Scene) -> MaskArray:

@@ -36,7 +36,7 @@ FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
 # this far (and two windows) within its outline, a raised part is food whatever its colour
 SURE_DEPTH_MM = 8.0
 JOINED_PX = 15  # across what is unmeasured within what stands
-SIDE_PX = 360
+SIDE_PX = 540
 MARGIN_PX = 12
 ROUNDS = 3
 COLOUR_LIMIT_NATS = 4.0
@@ -116,7 +116,9 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
             texture_bins, food, others
         )
         is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
-        is_always = deep | (core & (ratio > ALIKE_NATS)) | _alike(touching(core, deep), ratio)
+        is_always = deep | (core & (ratio > ALIKE_NATS))
+        if place.is_measured:
+            is_always |= _alike(touching(core, deep), ratio)
         return cut_in_two(
             (ratio + evidence).astype(np.float32), features, is_never, is_always
         ), colour

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from app.core.errors import Failure
-from app.vision.geometry.masks import dilated, distance_px, eroded
+from app.vision.geometry.masks import dilated
 from app.vision.geometry.topview import fit_table_trend, usable_points
 from app.vision.model import EstimateOptions, Float32Array, Hint, MaskArray
 from app.vision.scene.filled_vessel import FilledVessel, StandingVessel, Vessels, find_vessels
@@ -113,22 +113,11 @@ def _liquids(
 
 def _is_part_of_vessel(region: Region, points_table: Float32Array, vessels: Vessels) -> bool:
     """Return whether a region is a handle, or a strip of table seen along a filled vessel's wall."""
-    if any(_is_strip_beside(region.mask, vessel.silhouette) for vessel in vessels.filled):
-        return True
     points = points_table[region.mask]
     points = points[np.isfinite(points[:, 2])]
     return any(
         _is_handle(points, vessel, region.support) for vessel in [*vessels.filled, *vessels.unread]
     )
-
-
-def _is_strip_beside(mask: MaskArray, silhouette: MaskArray) -> bool:
-    """Return whether much of a small region's outline runs along a vessel. All (H, W)."""
-    if np.count_nonzero(mask) > HANDLE_AREA * np.count_nonzero(silhouette):
-        return False
-    outline = mask & ~eroded(mask, 3)
-    is_along = distance_px(silhouette)[outline] <= BESIDE_REACH_PX
-    return bool(np.count_nonzero(is_along) > BESIDE_SHARE * np.count_nonzero(outline))
 
 
 def _is_handle(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from app.vision.geometry.mesh import IntArray, Topology, unit
-from app.vision.model import Float64Array, MaskArray
+from app.vision.model import Float64Array
 
 FLAT = 0.01  # sine of the angle between a tangent plane and the way to the other vertex, below which they are one
 
@@ -59,13 +59,3 @@ def contour_generator(
     leaves = np.column_stack([is_first, ~is_first])
     order = np.argsort(2 * mesh.edge_faces[crossed] + leaves, axis=None)
     return Contour(points, outward, edges, share, (order // 2).reshape(-1, 2))
-
-
-def covers(segments: tuple[Float64Array, Float64Array], places: Float64Array) -> MaskArray:
-    """(n,) whether an outline goes round places (n, 2), once or more. segments: (k, 2) starts and ends, px."""
-    (start_x, start_y), (end_x, end_y) = segments[0].T, segments[1].T
-    x, y = places[:, :1], places[:, 1:]
-    is_left = (end_x - start_x) * (y - start_y) - (x - start_x) * (end_y - start_y) > 0
-    rises = (start_y <= y) & (end_y > y) & is_left
-    falls = (start_y > y) & (end_y <= y) & ~is_left
-    return np.asarray(rises.sum(axis=1) != falls.sum(axis=1), np.bool_)

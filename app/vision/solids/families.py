@@ -89,21 +89,6 @@ def families(
     return begin_families(extent, support_mm, support_sd_mm)
 
 
-def below_gap(points_table: Float64Array, support_mm: float) -> Float64Array:
-    """(m, 3) the points, mm, without the few above a wide gap in height: a patch that was mismatched.
-
-    Forms begin as high as the points reach, and from twice a food's height they do not come down to it.
-    """
-    if len(points_table) < MIN_POINTS:
-        return points_table
-    heights = np.sort(points_table[:, 2])
-    upper = heights[int((1 - MISMATCHED_SHARE) * (len(heights) - 1)) :]
-    gaps = np.diff(upper) > GAP_SHARE * np.maximum(upper[:-1] - support_mm, 2 * MIN_HALF_MM)
-    if not gaps.any():
-        return points_table
-    return np.asarray(points_table[points_table[:, 2] <= upper[gaps.argmax()]], np.float64)
-
-
 @dataclass(frozen=True, slots=True)
 class Rectangle:
     """middle_mm: (2,). half_mm: its two half sides; heading of the first, radians."""

@@ -81,11 +81,6 @@ class Form(ABC):
         return C, (A, B)
 
     @property
-    def is_folded(self) -> bool:
-        """Whether one part of it may hide another's outline."""
-        return False
-
-    @property
     def is_flat(self) -> bool:
         """Whether it has long straight edges, at whose ends alone its mesh has vertices."""
         return False
@@ -309,11 +304,6 @@ class Superellipsoid(Form):
         return spread
 
     @property
-    def is_folded(self) -> bool:
-        """A bent one may."""
-        return BEND in self.free
-
-    @property
     def weight_sd(self) -> Float64Array:
         """Falls with the degree; degree one would only move or tilt what the parameters already move and tilt."""
         return np.array(
@@ -497,11 +487,6 @@ class Ring(Form):
     def height_over(self) -> tuple[int, tuple[int, int]]:
         """The tube's, over the tube's width."""
         return C, (B, B)
-
-    @property
-    def is_folded(self) -> bool:
-        """Its far side may be hidden by the near one."""
-        return True
 
     @property
     def weight_sd(self) -> Float64Array:

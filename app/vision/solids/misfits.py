@@ -14,7 +14,7 @@ import numpy as np
 from app.vision.geometry.masks import filled, window_around
 from app.vision.geometry.mesh import IntArray, Topology, faces_towards, unit, vertex_normals
 from app.vision.model import Float64Array
-from app.vision.solids.contour import Contour, contour_generator, covers
+from app.vision.solids.contour import Contour, contour_generator
 from app.vision.solids.fields import OutlineField, ParallaxField
 from app.vision.solids.forms import EXACT, Form
 from app.vision.solids.outline_snap import STEP_PX, Outline
@@ -78,14 +78,14 @@ def misfits(
         line = None if field is None else _line_in(placed, view)
         if line is None or field is None:
             continue
-        parts.append(_of_outline(placed, line, field, is_folded=form.is_folded))
+        parts.append(_of_outline(placed, line, field))
         if view == 0:
             parts.append(_of_coverage(line, seen.outlines[0], seen.outline_sd_px))
     if seen.side is not None:
         line = _line_from_side(placed, seen.side, pose)
         if line is None:
             return None
-        parts.append(_of_outline(placed, line, seen.side.field, is_folded=form.is_folded))
+        parts.append(_of_outline(placed, line, seen.side.field))
         parts.append(_of_coverage(line, seen.side.outline, seen.outline_sd_px))
     return _together([part for part in parts if part is not None])
 
@@ -187,7 +187,7 @@ def _line_from_side(placed: _Placed, side: SideView, pose: Float64Array) -> _Lin
     )
 
 
-def _of_outline(placed: _Placed, line: _Line, field: OutlineField, *, is_folded: bool) -> Misfits:
+def _of_outline(placed: _Placed, line: _Line, field: OutlineField) -> Misfits:
     """Distance of the form's outline from the food's, px: of each point the mean over the half segments around it."""
     segments = line.contour.segments
     start, end = line.ends
@@ -206,9 +206,7 @@ def _of_outline(placed: _Placed, line: _Line, field: OutlineField, *, is_folded:
     distance, *towards = summed[1:] / np.maximum(total, 1e-9)
     slope = np.column_stack(towards)
     vertex, by_vertex = line.moved(np.arange(count), slope)
-    open_share = _open_share(line) if is_folded else np.ones(count)
-    weight = np.asarray(total * open_share, np.float64)
-    weight *= field.length_px / max(float(weight.sum()), 1e-9) / TUNING.outline_run_px
+    weight = total * (field.length_px / max(float(total.sum()), 1e-9) / TUNING.outline_run_px)
     sd = np.full(count, placed.seen.outline_sd_px)
     by_pose = line.by_the_pose(np.arange(count), slope)
     begins = 2 * np.arange(count)
@@ -250,14 +248,6 @@ def _of_coverage(line: _Line, outline: Outline | None, sd_px: float) -> Misfits 
         TUNING.coverage_weight * weights[kept] * STEP_PX / TUNING.outline_run_px,
         by_pose=line.by_the_pose(end_of, direction),
     )
-
-
-def _open_share(line: _Line) -> Float64Array:
-    """(n,) 1 for what is on the outline of the whole, 0 for what the form itself covers in the picture."""
-    outward = unit(np.einsum("nab,nb->na", line.gradient, line.contour.normals))
-    beyond = [line.pixels + reach * outward for reach in TUNING.hidden_px]
-    hidden = covers(line.ends, np.concatenate(beyond)).reshape(len(beyond), -1)
-    return np.asarray(1.0 - hidden.mean(axis=0), np.float64)
 
 
 def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits:

@@ -18,7 +18,7 @@ from app.vision.scene.filled_vessel import FilledVessel
 from app.vision.scene.segmentation import Foods, Region, no_food_found
 from app.vision.scene.vessel import Vessel
 from app.vision.solids.bowl import measure_content
-from app.vision.solids.families import below_gap, families
+from app.vision.solids.families import families
 from app.vision.solids.form_average import Flags, average_forms, likely_fits, log_normal_volume
 from app.vision.solids.form_fit import FormFit, fit_form
 from app.vision.solids.form_prior import FormPrior, LikelyForms, form_prior
@@ -167,7 +167,6 @@ class _Scene:
         support_mm, support_sd_mm = self._support(
             number, points if len(points) else plane_xy_mm[mask[window]]
         )
-        points = below_gap(points, support_mm)
         seen = Seen(sight, mask, inward, (line, None), self.disparity, others=self.others)
         if self.grey is None and len(points) == 0:
             side = self.sides[number] if self.sides else None

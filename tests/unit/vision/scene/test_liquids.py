@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from app.vision.scene.filled_vessel import StandingVessel, Vessels
-from app.vision.scene.liquids import HANDLE_MIN_POINTS, _is_part_of_vessel, _is_strip_beside
+from app.vision.scene.liquids import HANDLE_MIN_POINTS, _is_part_of_vessel
 from app.vision.scene.rims import Circle
 from app.vision.scene.segmentation import Region
 from app.vision.scene.support import Support
@@ -21,14 +21,6 @@ def drawn(*shapes):
         else:
             cv2.ellipse(picture, *values, 0, 0, 360, 1, -1)
     return picture > 0
-
-
-def test_strip_along_the_wall_is_told_from_food_beside_the_vessel():
-    mug = drawn(("box", (200, 100), (330, 300)))
-    handle_and_table, cloth = ("box", (335, 150), (375, 250)), ("box", (340, 105), (355, 295))
-    touching, beside = ("ellipse", (375, 260), (38, 34)), ("ellipse", (420, 260), (38, 34))
-    strips = [_is_strip_beside(drawn(each), mug) for each in (handle_and_table, cloth, touching, beside)]
-    assert strips == [True, True, False, False]
 
 
 RIM_MM, TABLE_MM = 90.0, 1.5

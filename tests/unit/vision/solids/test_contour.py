@@ -1,7 +1,7 @@
 import numpy as np
 
 from app.vision.geometry.mesh import sphere, unit, vertex_normals
-from app.vision.solids.contour import contour_generator, covers
+from app.vision.solids.contour import contour_generator
 
 CAMERA_MM = np.array([120.0, -260.0, 330.0])
 
@@ -33,11 +33,3 @@ def test_contour_of_a_box_stays_at_its_edges():
     contour = contour_of(box, mesh)
     on_faces = np.isclose(np.abs(contour.points), [30.0, 20.0, 10.0], atol=0.4).sum(axis=1)
     assert (on_faces >= 2).mean() > 0.95
-
-
-def test_place_is_covered_where_the_outline_goes_round_it():
-    corners = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [0.0, 10.0]])
-    square = corners, np.roll(corners, -1, axis=0)
-    assert covers(square, np.array([[5.0, 5.0], [15.0, 5.0], [-5.0, 5.0]])).tolist() == [True, False, False]
-    twice = np.concatenate([corners, corners + 5.0]), np.concatenate([square[1], square[1] + 5.0])
-    assert covers(twice, np.array([[7.0, 7.0]])).all()

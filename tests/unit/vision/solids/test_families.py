@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from app.vision.geometry.mesh import enclosed_mm3
-from app.vision.solids.families import MIN_POINTS, below_gap, families
+from app.vision.solids.families import MIN_POINTS, families
 from app.vision.solids.forms import COARSE, EXACT, Ring
 
 SUPPORT_MM, SUPPORT_SD_MM = 2.0, 0.5
@@ -70,12 +70,3 @@ def test_ball_begins_with_about_the_size_of_what_is_seen_and_bent_forms_to_both_
 def test_few_points_and_points_under_the_support_begin_nothing(count, lowered_mm):
     points, area_mm2 = visible((30.0, 30.0, 28.0))
     assert begun((points - np.array([0.0, 0.0, lowered_mm]))[:count], area_mm2) == []
-
-
-def test_few_points_above_a_wide_gap_are_left_out_and_no_others():
-    points, _ = visible((32.0, 32.0, 25.0))
-    patch = np.array([80.0, 10.0, 130.0]) + np.random.default_rng(1).normal(0, 1.0, (len(points) // 8, 3))
-    assert np.array_equal(below_gap(np.concatenate([points, patch]), SUPPORT_MM), points)
-    high = points[: len(points) // 2] + np.array([0.0, 0.0, 90.0])  # a slice that stands, its side in the shade
-    for kept in (points, np.concatenate([points, high]), np.empty((0, 3))):
-        assert np.array_equal(below_gap(kept, SUPPORT_MM), kept)
