@@ -101,12 +101,12 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
 
     over = is_measured & (height > place.rim_mm + OVER_RIM_MM)
     # A coarse window spreads the height of what it sees over holes and surroundings: it says little of one pixel.
-    evidence = np.where(is_fine, 4.0 * over + 2.5 * core + 3.0 * sure, 0.7 * over + 0.7 * core)
-    evidence -= np.where(is_flat, 4.0, 0.0) + np.where(is_measured, 0.0, 0.3)
-    evidence = np.clip(evidence, *HEIGHT_LIMIT_NATS)
+    raised = np.where(is_fine, 4.0 * over + 2.5 * core + 3.0 * sure, 0.7 * over + 0.7 * core)
+    evidence = np.clip(raised - 4.0 * is_flat - 0.3 * ~is_measured, *HEIGHT_LIMIT_NATS)
 
     band &= ~sure
     others = ((~roi & ~is_ignored) | band | is_flat) & ~core
+    surely_raised = touching(core, deep & place.is_measured)
 
     def cut(food: MaskArray, others: MaskArray, never: MaskArray) -> tuple[MaskArray, Float32Array]:
         colour = _ratio(
@@ -116,9 +116,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
             texture_bins, food, others
         )
         is_never = ~roi | is_ignored | never | (band & (ratio < 1.0))
-        is_always = deep | (core & (ratio > ALIKE_NATS))
-        if place.is_measured:
-            is_always |= _alike(touching(core, deep), ratio)
+        is_always = deep | (core & (ratio > ALIKE_NATS)) | _alike(surely_raised, ratio)
         return cut_in_two(
             (ratio + evidence).astype(np.float32), features, is_never, is_always
         ), colour
