@@ -55,10 +55,10 @@ class FormTuning:
     margin_px: int = 25  # around a food's mask
     # forms nearest after these, which are fitted coarsely to the end; a family may begin twice
     kept_coarse: int = 5
-    kept: int = 4  # families that are fitted finely
+    kept: int = 3  # families that are fitted finely
     # of a family in the average: below it, a family is fitted no further
     least_weight: float = 1e-4
-    max_passes: int = 3  # fine fits along the best form, at most
+    max_passes: int = 2  # fine fits along the best form, at most
     # relative change of the best volume in a pass below which no further one is needed
     settled: float = 0.03
     snap_px: float = 4.0  # across an outline, how far its edge is sought in the first view

@@ -6,10 +6,8 @@ only fill it, never dig one: a low height in a gap counts whatever its window.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.vision.geometry.masks import (
-    components,
     dilated,
     distance_px,
     filled,
@@ -18,7 +16,7 @@ from app.vision.geometry.masks import (
     opened,
 )
 from app.vision.geometry.pictures import blurred
-from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.model import Float32Array, ImageArray, MaskArray
 from app.vision.scene.colour_bins import byte_bins, colour_evidence, colour_histogram, shaded_bins
 
 MIN_GAP_MM2 = 60.0
@@ -69,28 +67,6 @@ def find_gaps(
     return gaps
 
 
-def open_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
-    """(H, W) the holes of a mask whose heights lie well below the food around them: a ring's, not gloss.
-
-    In a food of which no height is measured all but small holes count: its colour alone shows them.
-    """
-    own = height_mm[mask]
-    own = own[np.isfinite(own)]
-    holes = np.zeros(mask.shape, np.bool_)
-    for hole in components(filled(mask) & ~mask):
-        low = height_mm[hole]
-        low = low[np.isfinite(low)]
-        area_mm2 = np.count_nonzero(hole) * pixel_mm**2
-        if len(own) == 0 and area_mm2 > MIN_GAP_MM2:
-            holes |= hole  # a single view knows it by its colour alone
-            continue
-        if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_POINTS:
-            continue
-        if float(np.quantile(low, 0.25)) < LOW_SHARE * float(np.median(own)):
-            holes |= hole
-    return holes
-
-
 def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) -> MaskArray:
     """(H, W) the hole in a food's middle through which its support shows; empty without one.
 
@@ -112,23 +88,9 @@ def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) ->
     labels, stats, middles = labelled(
         opened((nats > SUPPORT_NATS) & (depth > HOLE_DEPTH_SHARE * deepest), 3)
     )
-    return np.asarray(_are_of_ring(stats, middles, whole)[labels], np.bool_)
-
-
-def is_ring(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> bool:
-    """Return True if heights confirm a hole of the mask (H, W) that is as large and as central as a ring's.
-
-    The dip of a pack's window or of a bubble in bread is neither.
-    """
-    _, stats, middles = labelled(open_holes(mask, height_mm, pixel_mm))
-    return bool(_are_of_ring(stats, middles, filled(mask)).any())
-
-
-def _are_of_ring(stats: NDArray[np.int32], middles: Float64Array, whole: MaskArray) -> MaskArray:
-    """Return (n,) which parts, numbered from 1 as by labelled(), may be the hole of a ring that covers whole (H, W)."""
     area = float(np.count_nonzero(whole))
     middle = np.argwhere(whole).mean(axis=0)[::-1]
     off_middle = np.linalg.norm(middles - middle, axis=1) / np.sqrt(area / np.pi)
     of_ring = (stats[:, 4] > HOLE_SHARE * area) & (off_middle < OFF_MIDDLE)
     of_ring[0] = False
-    return np.asarray(of_ring, np.bool_)
+    return np.asarray(of_ring[labels], np.bool_)

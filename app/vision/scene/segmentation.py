@@ -241,7 +241,7 @@ def _by_colour_beside(
             own = [_without_hole(each.mask, taken, scene) for each in seen]
             if place.is_measured:
                 beside = replace(scene, is_ignored=taken | place.is_elsewhere)
-                own = with_sides(own, beside, place.floor_mm, np.zeros_like(taken))
+                own = with_sides(own, beside, place.floor_mm)
             masks += own
     regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
     regions = [region for region in regions if region.mask.any()]
@@ -399,7 +399,7 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     whole = tidy_outlines(food.is_food, beside, place.floor_mm) | (food.is_food & food.is_gap)
     masks = tell_apart(whole, scene, place.floor_mm)
     if place.is_measured:
-        masks = with_sides(masks, beside, place.floor_mm, food.is_gap)
+        masks = with_sides(masks, beside, place.floor_mm)
     are_foods = [is_food(mask, food.is_core, scene, is_unseen) for mask in masks]
     if not is_hinted:
         masks, are_foods = list(compress(masks, are_foods)), [True] * sum(are_foods)

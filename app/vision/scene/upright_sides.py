@@ -21,7 +21,6 @@ from app.vision.geometry.masks import (
 )
 from app.vision.geometry.pictures import sampled
 from app.vision.model import Float32Array, MaskArray
-from app.vision.scene.gaps import is_ring
 from app.vision.scene.scene import FINE_REACH_PX, Scene, commonest
 
 LEVEL_MM = 3.0  # about a flat top's height
@@ -54,19 +53,9 @@ class FlatTop:
     below: MaskArray
 
 
-def with_sides(
-    masks: Sequence[MaskArray], scene: Scene, floor_mm: float, is_gap: MaskArray
-) -> list[MaskArray]:
-    """The masks (h, w), each flat top with the side below it, the highest first.
-
-    is_gap: (h, w) gaps in the masks, which stay in them. A ring is round, however level its top looks.
-    """
-    tops = [
-        None
-        if is_ring(mask & ~is_gap, scene.height_mm, scene.pixel_mm)
-        else flat_top(mask, scene, floor_mm)
-        for mask in masks
-    ]
+def with_sides(masks: Sequence[MaskArray], scene: Scene, floor_mm: float) -> list[MaskArray]:
+    """The masks (h, w), each flat top with the side below it, the highest first."""
+    tops = [flat_top(mask, scene, floor_mm) for mask in masks]
     pairs = sorted(
         zip(masks, tops, strict=True), key=lambda pair: -pair[1].level_mm if pair[1] else 0.0
     )

@@ -10,7 +10,6 @@ CAMERA_MM = np.array([0.0, -400.0, 400.0])
 HALF_MM, TOP_MM = np.array([45.0, 30.0]), 40.0  # of a block about the origin
 FOCAL_PX = 500.0
 RAYS = slanting_rays(SHAPE, FOCAL_PX)
-NO_GAP = np.zeros(SHAPE, bool)
 
 
 def meets(height_mm):
@@ -43,7 +42,7 @@ def test_unmeasured_side_of_a_block_is_found_below_its_top(seen):
     unmeasured = side | (distance_px(~top) > 5) if seen == "edge of its top" else side
     spot = (np.linalg.norm(meets(TOP_MM) - (25.0, 12.0), axis=-1) < 8.0) & (seen == "low spot")
     scene = scene_of(np.select([spot, unmeasured, top], [2.0, np.nan, TOP_MM], 0.0))
-    (mask,) = with_sides([top & ~spot], scene, 0.0, NO_GAP)
+    (mask,) = with_sides([top & ~spot], scene, 0.0)
     # The top is taken two pixels too small.
     assert np.count_nonzero(mask & side) > (0.8 if spot.any() else 0.85) * np.count_nonzero(side)
     if seen == "top":
@@ -58,18 +57,6 @@ def test_dome_has_no_flat_top():
 
 def test_table_that_shows_below_a_top_is_no_side():
     top, side = block()
-    (mask,) = with_sides([top], scene_of(np.where(top, TOP_MM, 0.0)), 0.0, NO_GAP)
+    (mask,) = with_sides([top], scene_of(np.where(top, TOP_MM, 0.0)), 0.0)
     assert np.array_equal(mask, top)
     assert np.count_nonzero(side) > 1000  # or the test would say nothing
-
-
-@pytest.mark.parametrize("is_opened", [True, False])
-def test_ring_has_no_upright_side_however_level_its_top(is_opened):
-    """A doughnut whose hole was cut out of its mask, or is still to be opened."""
-    top, side = block()
-    hole = np.linalg.norm(meets(TOP_MM), axis=-1) < 12.0
-    scene = scene_of(np.where(hole, 2.0, np.where(top, TOP_MM, np.where(side, np.nan, 0.0))))
-    assert np.count_nonzero(with_sides([top], scene, 0.0, NO_GAP)[0] & side) > 0.8 * np.count_nonzero(side)
-    mask, gap = (top & ~hole, NO_GAP) if is_opened else (top, hole)
-    (own,) = with_sides([mask], scene, 0.0, gap)
-    assert np.array_equal(own, mask)
