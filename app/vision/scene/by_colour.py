@@ -35,10 +35,17 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.dish import MAX_SHARED, RIM_RANGE_MM, Dish
+from app.vision.scene.dish import MAX_SHARED, RIM_RANGE_MM, Dish, inward_of
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
-from app.vision.scene.places import OVER_RIM_MM, REACH_IN_DISH_MM, REACH_MM, RIM_BAND_MM, Place
+from app.vision.scene.places import (
+    OVER_RIM_MM,
+    REACH_IN_DISH_MM,
+    REACH_MM,
+    RIM_BAND_MM,
+    Place,
+    groups_of,
+)
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, with_measured_rim
 from app.vision.scene.upright_sides import flat_top
@@ -126,11 +133,10 @@ def places_by_colour(
             reach = distance_px(sure) * scene.pixel_mm < REACH_IN_DISH_MM
             band = _band(_inward(dish, layout), RIM_BAND_MM) & ~sure
             places.append(Place(dish, sure, silhouette | reach, band, elsewhere))
-    if on_table.any():
-        for group in _groups(on_table, scene):
-            elsewhere = (taken | (on_table & ~group)) & ~group
-            near = distance_px(group) * scene.pixel_mm < REACH_MM
-            places.append(Place(None, group, near, nothing, elsewhere))
+    for group in groups_of(on_table, scene):
+        elsewhere = (taken | (on_table & ~group)) & ~group
+        near = distance_px(group) * scene.pixel_mm < REACH_MM
+        places.append(Place(None, group, near, nothing, elsewhere))
     return places
 
 
@@ -165,10 +171,6 @@ def _holds_food(dish: Dish, layout: Layout) -> bool:
 def _on_table(scene: Scene) -> MaskArray:
     """(h, w) dishes and foods on the table."""
     return _unlike(scene, _bare_table(scene), _is_table(scene))
-
-
-def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
-    return [on_table & group for group in components(distance_px(on_table) * scene.pixel_mm < 6.0)]
 
 
 def _is_table(scene: Scene) -> MaskArray:
@@ -348,7 +350,7 @@ def _as_dish(thing: MaskArray, scene: Scene, view: TopView) -> Dish | None:
     if best is None:
         return None
     shape, is_round = best
-    size_mm2 = np.count_nonzero(shape.inward_mm > 0) * CELL_MM**2
+    size_mm2 = np.count_nonzero(shape.inward_mm > 0) * view.cell_mm**2
     if not MIN_DISH_MM2 < size_mm2 < MAX_DISH_MM2:
         return None
     rim_mm = TYPICAL_RIM_MM if is_round else TYPICAL_BOARD_MM
@@ -405,12 +407,8 @@ def _fit_rectangle(outline: Float64Array, view: TopView) -> _Outline | None:
         abs(cv2.pointPolygonTest(contour, (float(x), float(y)), measureDist=True))
         for x, y in outline
     ]
-    places = view.cells_px(corners[None])[0]
-    picture = np.zeros(view.height_mm.shape, np.uint8)
-    cv2.fillConvexPoly(picture, np.rint(places).astype(np.int32), 1)
-    inside = picture > 0
-    inward = (inward_px(inside) - inward_px(~inside)) * CELL_MM
-    return _Outline(np.asarray(inward, np.float32), float(np.mean(np.array(near) < ON_OUTLINE_MM)))
+    cells = np.rint(view.cells_px(corners[None])[0]).astype(np.int32)
+    return _Outline(inward_of(cells, view), float(np.mean(np.array(near) < ON_OUTLINE_MM)))
 
 
 def _inward(dish: Dish, layout: Layout) -> Float32Array:

@@ -423,7 +423,7 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         area = float(cv2.contourArea(hull)) * view.cell_mm**2
         if area < MIN_SLAB_MM2 or (best is not None and area < best[0]):
             continue
-        inward = _inward_mm(hull, view)
+        inward = inward_of(hull, view)
         border = (inward > 0) & (inward < INSIDE_MM)
         if _sector_share(at_level, border) < MIN_COVER + 0.1:
             continue
@@ -434,9 +434,10 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
     return best[1] if best else None
 
 
-def _inward_mm(hull: NDArray[np.int32], view: TopView) -> Float32Array:
+def inward_of(polygon: NDArray[np.int32], view: TopView) -> Float32Array:
+    """(rows, columns) distance inward from a convex polygon (n, 2) of cells, mm, negative outside."""
     picture = np.zeros(view.height_mm.shape, np.uint8)
-    cv2.fillConvexPoly(picture, hull, 1)
+    cv2.fillConvexPoly(picture, polygon, 1)
     return (inward_px(picture > 0) - inward_px(picture == 0)) * view.cell_mm
 
 

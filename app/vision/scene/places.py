@@ -109,7 +109,7 @@ def find_places(
     on_table = _solid((tall > OVER_FLOOR_MM) & is_clear, scene, "table") | (
         certain & (owner == ON_TABLE)
     )
-    groups = _groups(on_table, scene)
+    groups = groups_of(on_table, scene)
     places = [
         _on_dish(scene, number, territories, sure, on_table)
         for number, is_sure in enumerate(sure)
@@ -215,7 +215,7 @@ def _on_table(
     )
 
 
-def _groups(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
+def groups_of(on_table: MaskArray, scene: Scene) -> list[MaskArray]:
     """What stands on the table, divided where wide gaps part it: colours are learned near each group alone."""
     if not on_table.any():
         return []
