@@ -35,7 +35,7 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.dish import MAX_SHARED, RIM_RANGE_MM, Dish, inward_of
+from app.vision.scene.dish import MAX_SHARED, Dish, inward_of
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import (
@@ -66,6 +66,7 @@ PLAIN_SHARE = 0.8  # of what is surely bare, that looks alike in the same light
 LEAST_SPREAD, USUAL_SPREADS, APART_NATS = 1.0, 4.0, 4.0
 MIN_THING_MM2 = 250.0
 CELL_MM = 3.0
+PLAIN_RIM_MM = (4.0, 30.0)  # over the table: higher ones are foods, or measured all round
 MIN_DISH_MM2 = 9000.0  # a saucer; smaller ones are foods
 MAX_DISH_MM2 = 110_000.0
 MAX_ASPECT = 1.6
@@ -155,8 +156,8 @@ def with_plain_dishes(layout: Layout) -> Layout:
         is_pack = flat_top(thing, scene, 0.0) is not None
         dish = None if is_known or is_pack else _as_dish(thing, scene, view)
         dish = None if dish is None else with_measured_rim(dish, view, scene)
-        if dish is not None and dish.rim_mm > RIM_RANGE_MM[0] and _holds_food(dish, layout):
-            dishes.append(dish)
+        if dish is not None and PLAIN_RIM_MM[0] < dish.rim_mm < PLAIN_RIM_MM[1]:
+            dishes += [dish] if _holds_food(dish, layout) else []
     return replace(layout, dishes=dishes, things=things)
 
 

@@ -112,6 +112,16 @@ class _Ring:
         plane = np.array([self.height_mm, *self.slope])
         return cells[is_near], _apart(cells[is_near], self.x_mm, self.y_mm, plane)
 
+    def holds(self, other: "_Ring") -> bool:
+        """Whether the other lies within this one, and lower: as what fills a bowl lies within its rim."""
+        apart = float(np.hypot(self.x_mm - other.x_mm, self.y_mm - other.y_mm))
+        is_within = apart + other.radius_mm < self.radius_mm + SAME_RADIUS_MM
+        return (
+            is_within
+            and self.radius_mm > other.radius_mm
+            and self.height_mm > other.height_mm + RISE_MM
+        )
+
 
 def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
     """(rows, columns) cells with enough points to be a surface. points_per_mm2: of one that faces the camera."""
@@ -180,6 +190,10 @@ def _find_round(
     if not rims:
         return None
     ring = max(rims, key=lambda rim: rim[0])[1]
+    # What fills a bowl may show a whole edge, where the rim around it shows only parts.
+    ring = max(
+        (rim for rim in rims if rim[1].holds(ring)), default=(0.0, ring), key=lambda rim: rim[0]
+    )[1]
     centre = np.array([ring.x_mm, ring.y_mm])
     inward = ring.radius_mm - np.linalg.norm(places - centre, axis=-1)
     dish = _with_floor(

@@ -36,7 +36,7 @@ FLAT_MM = 2.5  # lower is table, sheet or a dish's floor
 # this far (and two windows) within its outline, a raised part is food whatever its colour
 SURE_DEPTH_MM = 8.0
 JOINED_PX = 15  # across what is unmeasured within what stands
-SIDE_PX = 540
+SIDE_PX = 360
 MARGIN_PX = 12
 ROUNDS = 3
 COLOUR_LIMIT_NATS = 4.0
@@ -106,7 +106,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
 
     band &= ~sure
     others = ((~roi & ~is_ignored) | band | is_flat) & ~core
-    surely_raised = touching(core, deep & place.is_measured)
+    surely_raised = core & (place.floor_mm > 0) | touching(core, deep & (place.dish is None))
 
     def cut(food: MaskArray, others: MaskArray, never: MaskArray) -> tuple[MaskArray, Float32Array]:
         colour = _ratio(

@@ -1,9 +1,9 @@
 """Tells touching foods apart: cuts a mask in two wherever colour, outline and heights together say that it is two.
 
 A mask -> candidate cuts (clusters of colour, necks of the outline, separate tops), each moved onto the image's edges
-and judged: by the difference of colour across the cut, by notches of the outline at its ends, by its length against the
-parts' width, and by a valley along it. One food of two tones has no notch; one bent food has neither contrast nor
-valley.
+and judged: by the difference of colour across the cut, by the image's edges along it, by notches of the outline at its
+ends, by its length against the parts' width, and by a valley or a step in distance along it. One food of two tones has
+no notch; one bent food has neither contrast nor valley; no convex food hides a part of itself, and so has no step.
 """
 
 from collections.abc import Iterator, Sequence
@@ -45,6 +45,9 @@ BESIDE_MM = (2.0, 9.0)  # from the cut, where the colours of its two sides are c
 NOTCH_RADIUS_MM = 7.0
 COLOUR_NOISE = 3.0
 SHADE_WEIGHT = 0.5  # of a difference of light alone, which the two faces of one food show as well
+STEP_AT_MM = (4.0, 8.0)  # from the cut, where distances are taken that are continued to it
+STEP_MM = (5.0, 25.0)  # between what is in front and behind: no step, and one that counts in full
+STEP_WEIGHT = 1.0
 # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 FULL_NOTCH = 0.25
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
@@ -52,11 +55,13 @@ CONVEX = (
     0.98,
     0.95,
 )  # share of its convex hull that the outline of one solid fills, and that of two
+WHOLE_WEIGHT = 0.2  # against a cut of an outline that is convex as a whole
 BITTEN = (
     0.92,
     0.86,
 )  # the same of a part: a solid's face, and a food that another one partly hides
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
+CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
 MAX_TRIALS = 2
 TRIAL_PX = 4000  # of a mask, to which it is reduced while cuts are tried
@@ -75,7 +80,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
             continue
         window = (slice(max(0, y - 4), y + height + 4), slice(max(0, x - 4), x + width + 4))
         lab = lab_bytes(scene.image_bgr[window])
-        piece = _Piece(lab, scene.height_mm[window], scene.pixel_mm)
+        piece = _Piece(lab, scene.height_mm[window], scene.distance_mm(window), scene.pixel_mm)
         waiting = [labels[window] == label]
         while waiting:
             mask = waiting.pop()
@@ -91,7 +96,7 @@ def tell_apart(food: MaskArray, scene: Scene, floor_mm: float = 0.0) -> list[Mas
 def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[MaskArray]:
     """The mask's share of each seed (h, w), the cuts between neighbours lying on the image's edges."""
     lab = lab_bytes(scene.image_bgr)
-    piece = _Piece(lab, scene.height_mm, scene.pixel_mm)
+    piece = _Piece(lab, scene.height_mm, scene.distance_mm(), scene.pixel_mm)
     nearest = np.stack([distance_px(seed) for seed in seeds]).argmin(axis=0)
     shares = [mask & (nearest == place) for place in range(len(seeds))]
     for first in range(len(seeds)):
@@ -104,12 +109,16 @@ def divide(mask: MaskArray, seeds: Sequence[MaskArray], scene: Scene) -> list[Ma
 
 
 class _Piece:
-    """A window of the scene in which one mask is cut."""
+    """A window of the scene in which one mask is cut. distance_mm: (h, w) from the camera."""
 
-    def __init__(self, lab: Float32Array, height_mm: Float32Array, pixel_mm: float) -> None:
+    def __init__(
+        self, lab: Float32Array, height_mm: Float32Array, distance_mm: Float32Array, pixel_mm: float
+    ) -> None:
         self._plain_lab = lab
         self._lab = lab * np.array(COLOUR_WEIGHTS, np.float32)
+        self._edges = _edge_strength(self._lab)
         self._height_mm = height_mm
+        self._distance_mm = distance_mm
         self._pixel_mm = pixel_mm
         self._bins = colour_bins(lab)
         self._features = contrast_features(lab)
@@ -124,11 +133,12 @@ class _Piece:
         lab = np.asarray(
             cv2.resize(self._plain_lab, size, interpolation=cv2.INTER_AREA), np.float32
         )
-        height = np.asarray(
-            cv2.resize(self._height_mm, size, interpolation=cv2.INTER_NEAREST), np.float32
+        height, distance = (
+            np.asarray(cv2.resize(field, size, interpolation=cv2.INTER_NEAREST), np.float32)
+            for field in (self._height_mm, self._distance_mm)
         )
         best: tuple[float, list[MaskArray]] | None = None
-        reduced = _Piece(lab, height, self._pixel_mm / scale)
+        reduced = _Piece(lab, height, distance, self._pixel_mm / scale)
         for hope, halves in reduced.scored_cuts(largest_part(resized(mask, size)))[:MAX_TRIALS]:
             if hope < THRESHOLD:
                 break
@@ -261,8 +271,25 @@ class _Piece:
         )
         notch = FULL_NOTCH if length < SHORT_CUT else dented * self._notch(first | second, border)
         valley = dented * self._valley(first, second, border)
-        look = min(contrast / 3, 4 / 3)  # however clear a border is, looks alone make no two foods
-        return look + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH)) - 0.35 * length + 0.5 * valley
+        crease = CREASE_WEIGHT * float(
+            np.clip(self._crease(first | second, border) - 0.7, -0.5, 0.8)
+        )
+        look = min(
+            contrast / 3 + crease, 4 / 3
+        )  # however clear a border is, looks alone make no two foods
+        whole = WHOLE_WEIGHT * (
+            1.0 - _dented(first | second, CONVEX)
+        )  # a loaf's crust and crumb part as clearly
+        score = (
+            look
+            + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH))
+            - 0.35 * length
+            + 0.5 * valley
+            - whole
+        )
+        if score > THRESHOLD:  # a step counts where the look does not convince
+            return score
+        return score + STEP_WEIGHT * dented * self._step(first, second, border)
 
     def _notch(self, mask: MaskArray, border: MaskArray) -> float:
         """How far the outline is dented where the border meets it: share of a disc there beyond one half."""
@@ -282,6 +309,18 @@ class _Piece:
         )
         return sum(dents[:2]) / 2 if len(dents) >= 2 else 0.0
 
+    def _crease(self, mask: MaskArray, border: MaskArray) -> float:
+        """How strong the image's edges along the border are against those elsewhere: a ratio, 0 if unknown."""
+        depth = inward_px(mask, 3)
+        near = dilated(border, 9)
+        along, elsewhere = (
+            self._edges[border & (depth > 3)],
+            self._edges[mask & (depth > 4) & ~near],
+        )
+        if len(along) <= 5 or len(elsewhere) <= 20:
+            return 0.0
+        return float(np.quantile(along, 0.3) / max(1e-3, float(np.quantile(elsewhere, 0.75))))
+
     def _valley(self, first: MaskArray, second: MaskArray, border: MaskArray) -> float:
         """How far the heights along the border fall below the lower of the two tops, 0 to 1."""
         along, *tops = (self._height_mm[part] for part in (border, first, second))
@@ -290,6 +329,38 @@ class _Piece:
             return 0.0
         lower = min(float(np.quantile(top, 0.95)) for top in tops)
         return float(np.clip(1.0 - np.median(along) / lower, 0.0, 1.0)) if lower > 5.0 else 0.0
+
+    def _step(self, first: MaskArray, second: MaskArray, border: MaskArray) -> float:
+        """The extent to which one part ends in front of the other, 0 to 1; less if little of the border is measured.
+
+        Distances from the camera on each side are continued to the border, where those of one surface meet.
+        """
+        side = cv2.GaussianBlur(first.astype(np.float32) - second.astype(np.float32), (0, 0), 2.0)
+        across = np.stack([cv2.Sobel(side, cv2.CV_32F, 1 - y, y)[border] for y in (1, 0)], axis=-1)
+        across = across / np.maximum(np.linalg.norm(across, axis=-1, keepdims=True), 1e-6)
+        at, last = np.argwhere(border), np.array(border.shape) - 1
+        ends = []
+        for part, sign in ((first, 1.0), (second, -1.0)):
+            distance = np.where(part, self._distance_mm, np.float32(np.nan))
+            near, far = (
+                distance[
+                    tuple(
+                        np.clip(
+                            np.rint(at + across * (sign * away / self._pixel_mm)).astype(int),
+                            0,
+                            last,
+                        ).T
+                    )
+                ]
+                for away in STEP_AT_MM
+            )
+            ends.append(2 * near - far)
+        step = ends[0] - ends[1]
+        measured = step[np.isfinite(step)]
+        if len(measured) <= 5:
+            return 0.0
+        share = (abs(float(np.median(measured))) - STEP_MM[0]) / (STEP_MM[1] - STEP_MM[0])
+        return float(np.clip(share, 0.0, 1.0)) * len(measured) / len(step)
 
 
 def _contrast(first: Float32Array, second: Float32Array, spread: Float32Array) -> float:
@@ -318,6 +389,15 @@ def _dented(mask: MaskArray, solidities: tuple[float, float]) -> float:
 def _is_one_block(mask: MaskArray, scene: Scene, floor_mm: float) -> bool:
     """Whether a mask is a block, slice or pack: level top, upright sides, convex outline."""
     return solidity(mask) > CONVEX_SHARE and flat_top(mask, scene, floor_mm) is not None
+
+
+def _edge_strength(lab: Float32Array) -> Float32Array:
+    """(H, W) the greatest gradient of the weighted colours within a pixel."""
+    smooth = cv2.GaussianBlur(lab, (0, 0), 1.0)
+    squares = [(cv2.Sobel(smooth, cv2.CV_32F, x, 1 - x) ** 2).sum(axis=-1) for x in (0, 1)]
+    return np.asarray(
+        cv2.dilate(np.sqrt(squares[0] + squares[1]), np.ones((3, 3), np.uint8)), np.float32
+    )
 
 
 def _is_same_cut(first: MaskArray, two: MaskArray, mask: MaskArray) -> bool:

@@ -8,6 +8,7 @@ only fill it, never dig one: a low height in a gap counts whatever its window.
 import numpy as np
 
 from app.vision.geometry.masks import (
+    components,
     dilated,
     distance_px,
     filled,
@@ -65,6 +66,28 @@ def find_gaps(
             depth = inward_px(part, 3)
             gaps[window] |= depth > MIDDLE_SHARE * float(depth.max())
     return gaps
+
+
+def open_holes(mask: MaskArray, height_mm: Float32Array, pixel_mm: float) -> MaskArray:
+    """(H, W) the holes of a mask whose heights lie well below the food around them: a ring's, not gloss.
+
+    In a food of which no height is measured all but small holes count: its colour alone shows them.
+    """
+    own = height_mm[mask]
+    own = own[np.isfinite(own)]
+    holes = np.zeros(mask.shape, np.bool_)
+    for hole in components(filled(mask) & ~mask):
+        low = height_mm[hole]
+        low = low[np.isfinite(low)]
+        area_mm2 = np.count_nonzero(hole) * pixel_mm**2
+        if len(own) == 0 and area_mm2 > MIN_GAP_MM2:
+            holes |= hole  # a single view knows it by its colour alone
+            continue
+        if area_mm2 < MIN_GAP_MM2 or min(len(low), len(own)) < MIN_POINTS:
+            continue
+        if float(np.quantile(low, 0.25)) < LOW_SHARE * float(np.median(own)):
+            holes |= hole
+    return holes
 
 
 def hole_by_colour(mask: MaskArray, others: MaskArray, image_bgr: ImageArray) -> MaskArray:

@@ -5,15 +5,16 @@ sure of food, where food may be, where the dish shows its colour, and what belon
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from app.vision.geometry.masks import components, distance_px, opened, without_specks
+from app.vision.geometry.masks import components, dilated, distance_px, opened, without_specks
 from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
+from app.vision.scene.food_checks import MIN_AREA_MM2
 from app.vision.scene.half_measured import unlike_support
 from app.vision.scene.scene import Scene
 
@@ -118,6 +119,19 @@ def find_places(
     return places + [
         _on_table(scene, group, territories, [*sure, on_table & ~group]) for group in groups
     ]
+
+
+def left_over(place: Place, taken: MaskArray, scene: Scene) -> Place | None:
+    """Return the place with only what stands there and is not taken (h, w), if it may be a food.
+
+    Beside foods of other colours it may have looked like the support.
+    """
+    left = place.is_sure & ~dilated(taken, 2 * WINDOW_REACH_PX + 1)
+    left = without_specks(opened(left, OPENING_PX["dish"]), MIN_AREA_MM2 / scene.pixel_mm**2)
+    if not left.any():
+        return None
+    near = place.may_be_food & (distance_px(left) * scene.pixel_mm < REACH_MM) & ~taken
+    return replace(place, is_sure=left, may_be_food=near)
 
 
 def _territory(scene: Scene, dish: Dish, view: TopView) -> _Territory:

@@ -43,6 +43,12 @@ class Scene:
             self.plane_xy_mm[window], share, (1.0 - share) * self.camera_mm[:2]
         )
 
+    def distance_mm(self, window: tuple[slice, slice] = (slice(None), slice(None))) -> Float32Array:
+        """(h, w) from the camera to what a pixel shows; NaN where unmeasured. window: rows, columns."""
+        return np.asarray(
+            np.linalg.norm(self.points_table[window] - self.camera_mm, axis=-1), np.float32
+        )
+
 
 def commonest(heights_mm: Float32Array, span_mm: float) -> float:
     """The median of the values within the span that holds most of them."""

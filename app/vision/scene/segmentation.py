@@ -26,13 +26,13 @@ from app.vision.scene.by_colour import lay_out_by_colour, places_by_colour, with
 from app.vision.scene.dish import Dish
 from app.vision.scene.filled_vessel import BOWL_ASPECT, FilledVessel
 from app.vision.scene.food_checks import MIN_AREA_MM2, is_food
-from app.vision.scene.food_outline import tidy_outlines
+from app.vision.scene.food_outline import correct_outlines, tidy_outlines
 from app.vision.scene.food_pixels import FLAT_MM, find_food_pixels
 from app.vision.scene.foods_apart import tell_apart
 from app.vision.scene.gaps import hole_by_colour
 from app.vision.scene.hinted import hinted_masks
 from app.vision.scene.layout import Layout, dish_under, lay_out, reduced_scene, without_heights
-from app.vision.scene.places import Place, find_places
+from app.vision.scene.places import Place, find_places, left_over
 from app.vision.scene.scene import Scene
 from app.vision.scene.support import (
     MIN_POINTS,
@@ -349,12 +349,15 @@ def _find_foods(
     )
     seen: list[_Seen] = []
     taken = scene.is_ignored
-    for place in places:
-        around = replace(scene, is_ignored=taken)
-        own = _in_place(around, place, is_unseen, is_hinted=bool(hints))
-        for each in own:
-            taken = taken | each.mask
-        seen += own
+    for first in places:
+        place: Place | None = first
+        while place is not None:
+            around = replace(scene, is_ignored=taken)
+            own = _in_place(around, place, is_unseen, is_hinted=bool(hints))
+            for each in own:
+                taken = taken | each.mask
+            seen += own
+            place = left_over(place, taken, scene) if own else None
     masks = hinted_masks(
         drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places
     )
@@ -403,9 +406,14 @@ def _in_place(scene: Scene, place: Place, is_unseen: MaskArray, *, is_hinted: bo
     are_foods = [is_food(mask, food.is_core, scene, is_unseen) for mask in masks]
     if not is_hinted:
         masks, are_foods = list(compress(masks, are_foods)), [True] * sum(are_foods)
-    masks = [mask & ~food.is_gap for mask in masks]  # only now: see above
+    # Gaps are opened only now, and stay open: each outline alone knows less of them than all heights did.
+    masks = [mask & ~food.is_gap for mask in masks]
+    beside = replace(beside, is_ignored=beside.is_ignored | food.is_gap)
+    corrected = correct_outlines(masks, beside, place.floor_mm)
     return [
-        _Seen(mask, is_kept) for mask, is_kept in zip(masks, are_foods, strict=True) if mask.any()
+        _Seen(mask, is_kept)
+        for mask, is_kept in zip(corrected, are_foods, strict=True)
+        if mask.any()
     ]
 
 
