@@ -128,18 +128,16 @@ def _read_board(
 
 def _detect_tags(grey: ImageArray, name: str, parameters: cv2.aruco.DetectorParameters) -> Tags:
     """Tags of the named dictionary, each number once: where two tags have it, the larger one."""
-    detector = cv2.aruco.ArucoDetector(dictionary_of(name), parameters)
+    detector = cv2.aruco.ArucoDetector(_dictionary_of(name), parameters)
     corners, ids, _ = detector.detectMarkers(grey)
     return _largest(() if ids is None else np.ravel(ids), corners)
 
 
-def _detect_of_any(
-    grey: ImageArray, names: Sequence[str], parameters: cv2.aruco.DetectorParameters
-) -> tuple[str, Tags]:
+def _detect_of_any(grey: ImageArray, names: Sequence[str]) -> tuple[str, Tags]:
     """The dictionary of most of the tags that show their bits without an error, and its tags."""
-    exact = _parameters(parameters.minMarkerPerimeterRate)
+    exact = _parameters(_least_perimeter_share(grey, MAX_FOREIGN_QUADS))
     exact.errorCorrectionRate = 0.0
-    detector = cv2.aruco.ArucoDetector([dictionary_of(name) for name in names], exact)
+    detector = cv2.aruco.ArucoDetector([_dictionary_of(name) for name in names], exact)
     corners, ids, _, of_dictionary = detector.detectMarkersMultiDict(grey)
     numbers, places = (
         np.ravel(each) if each is not None else np.empty(0, np.int64)
@@ -162,7 +160,7 @@ def _parameters(least_perimeter_share: float) -> cv2.aruco.DetectorParameters:
     return parameters
 
 
-def dictionary_of(name: str) -> cv2.aruco.Dictionary:
+def _dictionary_of(name: str) -> cv2.aruco.Dictionary:
     """OpenCV's, whose names of AprilTags have a capital H too."""
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
@@ -244,11 +242,11 @@ def _other_board(tags: Tags, on_board: int, spec: TagBoard, where: str) -> Failu
 def _foreign_tags(grey: ImageArray, spec: TagBoard, where: str) -> Failure | None:
     """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
     fewer, _ = reduced(grey, FOREIGN_SIDE_PX)
-    parameters = _parameters(_least_perimeter_share(fewer, MAX_FOREIGN_QUADS))
+    parameters = _parameters(_least_perimeter_share(fewer, MAX_QUADS))
     mirrored = _detect_tags(np.ascontiguousarray(fewer[:, ::-1]), spec.dictionary, parameters)
     if np.count_nonzero(_placed(mirrored, spec)) >= MIN_TAGS:
         return mismatch(spec, where, "its mirror image")
-    name, tags = _detect_of_any(fewer, LARGEST_OF_FAMILY, parameters)
+    name, tags = _detect_of_any(fewer, LARGEST_OF_FAMILY)
     if len(tags) < MIN_TAGS:
         return None
     return mismatch(
@@ -265,7 +263,7 @@ def _square_corners(grey: ImageArray, tags: Tags, spec: TagBoard) -> MarkerObser
     """The inner corners of a ChArUco board both of whose tags are seen, refined where four squares meet."""
     size = (spec.columns, spec.rows)
     board = cv2.aruco.CharucoBoard(
-        size, spec.square_mm, spec.tag_mm, dictionary_of(spec.dictionary)
+        size, spec.square_mm, spec.tag_mm, _dictionary_of(spec.dictionary)
     )
     quads = [quad.astype(np.float32).reshape(1, 4, 2) for quad in tags.corners_px]
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(

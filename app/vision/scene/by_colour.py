@@ -35,7 +35,7 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.dish import MAX_SHARED, Dish, inward_of
+from app.vision.scene.dish import Dish, inward_of, overlap
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import (
@@ -142,23 +142,25 @@ def places_by_colour(
 
 
 def with_plain_dishes(layout: Layout) -> Layout:
-    """Return the layout with what colours show: things, and dishes whose rims are too plain to be measured all round.
-
-    A rim is as high as the heights there are.
-    """
-    scene, view, things = layout.scene, layout.view, _on_table(layout.scene)
-    known = np.any(
-        [np.zeros_like(things), *(_inward(dish, layout) > 0 for dish in layout.dishes)], axis=0
-    )
+    """Return the layout with what colours show: things, and dishes whose rims are too plain for heights alone."""
+    layout = replace(layout, things=_on_table(layout.scene))
     dishes = list(layout.dishes)
-    for thing in components(things):
-        is_known = np.count_nonzero(thing & known) > MAX_SHARED * np.count_nonzero(thing)
-        is_pack = flat_top(thing, scene, 0.0) is not None
-        dish = None if is_known or is_pack else _as_dish(thing, scene, view)
-        dish = None if dish is None else with_measured_rim(dish, view, scene)
-        if dish is not None and PLAIN_RIM_MM[0] < dish.rim_mm < PLAIN_RIM_MM[1]:
-            dishes += [dish] if _holds_food(dish, layout) else []
-    return replace(layout, dishes=dishes, things=things)
+    for thing in components(layout.things):
+        dish = _plain_dish(thing, layout)
+        if dish is not None and not any(overlap(dish, other) for other in dishes):
+            dishes.append(dish)
+    return replace(layout, dishes=dishes)
+
+
+def _plain_dish(thing: MaskArray, layout: Layout) -> Dish | None:
+    """Return the dish that a thing is by its colour, with its rim as high as the heights there are."""
+    dish = _as_dish(thing, layout.scene, layout.view)
+    if dish is None or flat_top(thing, layout.scene, 0.0) is not None:
+        return None
+    dish = with_measured_rim(dish, layout.view, layout.scene)
+    if dish is None or not PLAIN_RIM_MM[0] < dish.rim_mm < PLAIN_RIM_MM[1]:
+        return None
+    return dish if _holds_food(dish, layout) else None
 
 
 def _holds_food(dish: Dish, layout: Layout) -> bool:

@@ -40,7 +40,8 @@ SIDE_PX = 360
 MARGIN_PX = 12
 ROUNDS = 3
 COLOUR_LIMIT_NATS = 4.0
-ALIKE_NATS = 2.0  # of a food's colours against its board's, below which they tell little
+# of colour and texture, over which they confirm what is raised; below, heights alone tell
+ALIKE_NATS = 2.0
 TEXTURE_LIMIT_NATS = 2.0
 HEIGHT_LIMIT_NATS = (-4.0, 3.0)
 UNSEEN = 6e-6  # probability of a colour that a model has not seen
@@ -106,7 +107,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
 
     band &= ~sure
     others = ((~roi & ~is_ignored) | band | is_flat) & ~core
-    surely_raised = core & (place.floor_mm > 0) | touching(core, deep & (place.dish is None))
+    surely_raised = _surely_raised(core, deep, place)
 
     def cut(food: MaskArray, others: MaskArray, never: MaskArray) -> tuple[MaskArray, Float32Array]:
         colour = _ratio(
@@ -166,13 +167,23 @@ def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArr
     return core, deep
 
 
-def _alike(core: MaskArray, ratio: Float32Array) -> MaskArray:
-    """(h, w) the parts of the core that look like what they stand on, so that only heights tell them apart.
+def _surely_raised(core: MaskArray, deep: MaskArray, place: Place) -> MaskArray:
+    """Return the parts of the core, (h, w), that heights alone may call food; both as _cores has them.
+
+    On a plate, whose floor is not measured, windows spread heights from its rim to its food.
+    """
+    if place.floor_mm > 0:
+        return core
+    return touching(core, deep) if place.dish is None else np.zeros_like(core)
+
+
+def _alike(surely_raised: MaskArray, ratio: Float32Array) -> MaskArray:
+    """(h, w) the parts of what is raised that look like what they stand on, so that only heights tell them apart.
 
     ratio: (h, w) log likelihood ratio of colour and texture, food over what is around it, nats
     """
-    alike = np.zeros_like(core)
-    for part in components(core):
+    alike = np.zeros_like(surely_raised)
+    for part in components(surely_raised):
         if float(np.median(ratio[part])) < ALIKE_NATS:
             alike |= part
     return alike

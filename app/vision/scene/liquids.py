@@ -21,11 +21,6 @@ from app.vision.views.rectification import RectifiedPair
 
 REDUCTION = 4  # of the grid, for the table's trend
 BESIDE_PX = 9  # around a vessel, where dense parallax is its own
-HANDLE_AREA = 0.35  # of a vessel's silhouette, that a handle and what shows through it may be
-BESIDE_SHARE, BESIDE_REACH_PX = (
-    0.34,
-    2 * BESIDE_PX,
-)  # of a strip's outline that runs along the vessel; what is along
 # Height by radius of the rim, from which on a vessel is a cup and no bowl, which has no handle.
 HANDLED_ASPECT = 0.7
 # of the rim's radius, across the plane through the vessel's axis in which a handle lies
@@ -112,7 +107,7 @@ def _liquids(
 
 
 def _is_part_of_vessel(region: Region, points_table: Float32Array, vessels: Vessels) -> bool:
-    """Return whether a region is a handle, or a strip of table seen along a filled vessel's wall."""
+    """Return whether a region is a vessel's handle."""
     points = points_table[region.mask]
     points = points[np.isfinite(points[:, 2])]
     return any(

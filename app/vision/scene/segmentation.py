@@ -224,8 +224,14 @@ def _by_colour_beside(
     unmeasured = without_specks(unmeasured, MIN_AREA_MM2 / scene.pixel_mm**2)
     if not unmeasured.any():
         return []
-    of_colours = replace(layout, scene=without_heights(scene))
-    around = replace(of_colours.scene, is_ignored=taken)
+    plain = without_heights(scene)
+    of_colours = replace(layout, scene=plain)
+    if not layout.dishes:
+        of_colours = lay_out_by_colour(plain, layout.trend)
+        rims = [with_measured_rim(dish, of_colours.view, scene) for dish in of_colours.dishes]
+        dishes = [rim or dish for rim, dish in zip(rims, of_colours.dishes, strict=True)]
+        of_colours = replace(of_colours, dishes=dishes)
+    around = replace(plain, is_ignored=taken)
     masks: list[MaskArray] = []
     for place in places_by_colour(of_colours, [], unmeasured):
         new = opened(place.is_sure & ~known, COLOUR_TUNING.unmeasured_px)
@@ -238,14 +244,14 @@ def _by_colour_beside(
         if parts and not is_bowl:
             sure = np.asarray(np.any(parts, axis=0), np.bool_)
             seen = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
-            own = [_without_hole(each.mask, taken, scene) for each in seen]
+            own = [each.mask for each in seen]
             if place.is_measured:
                 beside = replace(scene, is_ignored=taken | place.is_elsewhere)
                 own = with_sides(own, beside, place.floor_mm)
-            masks += own
+            masks += [_without_hole(mask, taken, scene) for mask in own]
     regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
     regions = [region for region in regions if region.mask.any()]
-    return _supported(regions, layout, known)
+    return _supported(regions, replace(of_colours, scene=scene), known)
 
 
 def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:

@@ -142,7 +142,8 @@ def with_measured_rim(dish: Dish, view: TopView, scene: Scene) -> Dish | None:
     ]
     if len(heights) < MIN_POINTS:
         return None
-    return replace(dish, rim_mm=float(np.median(heights)))
+    rim_mm = float(np.median(heights))
+    return replace(dish, rim_mm=rim_mm, floor_mm=rim_mm if dish.floor_mm > 0 else 0.0)
 
 
 def _typical_support(dish: Dish | None, table_mm: float) -> Support:

@@ -42,8 +42,6 @@ BEHIND_SHARE = 0.4  # of the smaller of radius and half height, by which the mid
 ROUND = ("ball", "lying", "bent")  # families whose section across C is
 STRAY_SHARE = 3.0  # of the radius: points farther from the middle are not the food's
 MIN_POINTS = 50
-GAP_SHARE = 0.3  # of the height below a gap among the points: above it lie mismatches, if few
-MISMATCHED_SHARE = 0.25  # of the points that may lie above such a gap
 
 _PLACE = (X, Y, SUPPORT, A, B, C, E1, E2, *range(TURN_X, TURN_Z + 1))
 _UPRIGHT = (*_PLACE, TAPER)

@@ -186,6 +186,16 @@ def test_pale_block_beside_a_printed_pack_is_found_by_itself():
     assert iou(regions[1].mask, block) > 0.8
 
 
+def test_low_printed_pack_is_no_board_with_its_print_upon_it():
+    meal = Meal()
+    pack = np.zeros(SHAPE, bool)
+    pack[90:330, 120:440] = True
+    meal.height[pack], meal.image[pack] = 22.0, FOOD_BGR
+    meal.image[disc(210, 280, 70)] = OTHER_BGR
+    (found,) = meal.segment()
+    assert iou(found.mask, pack) > 0.9
+
+
 def test_plate_with_a_partly_measured_rim_is_no_food():
     meal = Meal().plate(rim_mm=12.0).food(210, 280, 90, 45.0)
     rows, columns = np.indices(SHAPE)

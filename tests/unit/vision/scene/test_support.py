@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from app.vision.geometry.topview import TableTrend, fit_table_trend, view_from_above
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
 from app.vision.scene.layout import without_heights
-from app.vision.scene.support import TYPICAL_RIM_MM, find_support, with_measured_rim
+from app.vision.scene.support import TYPICAL_BOARD_MM, TYPICAL_RIM_MM, find_support, with_measured_rim
 from app.vision.scene.vessel import describe_vessel
 from tests.unit.vision.scene.scenes import plain_scene
 
@@ -103,3 +105,5 @@ def test_floor_is_known_by_the_rim_when_the_plane_is_the_rims(plane_mm):
     assert support.sd_mm < 5.0
     unmeasured, _ = scene_of(lambda x, y: np.full_like(x, np.nan))
     assert with_measured_rim(dish, view, unmeasured) is None
+    board = replace(dish, floor_mm=TYPICAL_BOARD_MM)
+    assert with_measured_rim(board, view, scene).floor_mm == pytest.approx(14.0 - plane_mm, abs=0.5)  # its top
