@@ -35,7 +35,7 @@ from app.vision.scene.colour_bins import (
     contrast_features,
     shaded_bins,
 )
-from app.vision.scene.dish import Dish, inward_of, overlap
+from app.vision.scene.dish import Dish, inward_of
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import (
@@ -66,6 +66,7 @@ PLAIN_SHARE = 0.8  # of what is surely bare, that looks alike in the same light
 LEAST_SPREAD, USUAL_SPREADS, APART_NATS = 1.0, 4.0, 4.0
 MIN_THING_MM2 = 250.0
 CELL_MM = 3.0
+MOST_KNOWN = 0.25  # of a thing, that lies on dishes which heights show: more, and it is one of them
 PLAIN_RIM_MM = (4.0, 30.0)  # over the table: higher ones are foods, or measured all round
 MIN_DISH_MM2 = 9000.0  # a saucer; smaller ones are foods
 MAX_DISH_MM2 = 110_000.0
@@ -143,13 +144,17 @@ def places_by_colour(
 
 def with_plain_dishes(layout: Layout) -> Layout:
     """Return the layout with what colours show: things, and dishes whose rims are too plain for heights alone."""
-    layout = replace(layout, things=_on_table(layout.scene))
-    dishes = list(layout.dishes)
-    for thing in components(layout.things):
-        dish = _plain_dish(thing, layout)
-        if dish is not None and not any(overlap(dish, other) for other in dishes):
-            dishes.append(dish)
-    return replace(layout, dishes=dishes)
+    things = _on_table(layout.scene)
+    silhouettes = [_inward(dish, layout) > 0 for dish in layout.dishes]
+    known = np.any([np.zeros_like(things), *silhouettes], axis=0)
+    new = [
+        thing
+        for thing in components(things)
+        if np.count_nonzero(thing & known) < MOST_KNOWN * np.count_nonzero(thing)
+    ]
+    plain = [_plain_dish(thing, layout) for thing in new]
+    dishes = [*layout.dishes, *(dish for dish in plain if dish is not None)]
+    return replace(layout, dishes=dishes, things=things)
 
 
 def _plain_dish(thing: MaskArray, layout: Layout) -> Dish | None:

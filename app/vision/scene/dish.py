@@ -142,13 +142,13 @@ def find_dishes(
         dish = _best_dish(view, remaining, noise_mm, rng)
         if dish is None:
             break
-        if not any(overlap(dish, other) for other in dishes):
+        if not any(_overlap(dish, other) for other in dishes):
             dishes.append(dish)
         remaining = remaining & (dish.inward_mm < -APART_MM)
     return dishes
 
 
-def overlap(dish: Dish, other: Dish) -> bool:
+def _overlap(dish: Dish, other: Dish) -> bool:
     """Whether two outlines cover so much of each other that they belong to one dish: its rim and a fringe of it."""
     areas = [np.count_nonzero(each.inward_mm > 0) for each in (dish, other)]
     shared = np.count_nonzero((dish.inward_mm > 0) & (other.inward_mm > 0))
