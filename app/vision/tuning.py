@@ -185,6 +185,10 @@ class ColourTuning:
     # Of the heights there: telephones, cutlery, napkins are lower; chosen on development scenes.
     top_quantile: float = 0.95
     low_mm: float = 10.0
+    # share of a thing on dishes that heights show, from which on it is one of them; chosen on development scenes
+    most_on_dishes: float = 0.25
+    # over the table, of a plate or board; higher things are sandwiches and packs: chosen on development scenes
+    plain_rim_mm: tuple[float, float] = (4.0, 30.0)
 
 
 COLOUR_TUNING = ColourTuning()

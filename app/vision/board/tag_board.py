@@ -31,7 +31,7 @@ from app.vision.model import (
 # of the photograph's long side: tags of 20 px in 12 MP, where their bits are 2.5 px
 MIN_PERIMETER_SHARE = 0.02
 MAX_QUADS = 1000  # outlines that are looked at: a board of 250 tags has some 500 and their bits, which are smaller
-# the same of tags that were not announced, of which there are ten families: a few of a board's tell which it is
+# outlines in which all ten families are looked for: time grows with both
 MAX_FOREIGN_QUADS = 250
 # than the outlines of which there are too many: a cloth's squares are all alike
 LONGER_THAN_ALIKE = 1.1
@@ -180,7 +180,7 @@ def _largest(ids: Iterable[int], corners: Iterable[cv2.typing.MatLike]) -> Tags:
 
 
 def _least_perimeter_share(grey: ImageArray, most: int) -> float:
-    """Perimeter, as a share of the long side, from which on a photograph has no more quadrangles than `most`.
+    """Return the least perimeter, as a share of the long side, that leaves a photograph `most` quadrangles.
 
     The detector compares each with each: a chequered tablecloth of 9,000 squares would hold it for minutes.
     """
@@ -240,7 +240,7 @@ def _other_board(tags: Tags, on_board: int, spec: TagBoard, where: str) -> Failu
 
 
 def _foreign_tags(grey: ImageArray, spec: TagBoard, where: str) -> Failure | None:
-    """Failure marker_mismatch where tags of other dictionaries or mirrored ones are seen; None without any."""
+    """Return the failure marker_mismatch where other dictionaries' tags or mirrored ones are seen."""
     fewer, _ = reduced(grey, FOREIGN_SIDE_PX)
     parameters = _parameters(_least_perimeter_share(fewer, MAX_QUADS))
     mirrored = _detect_tags(np.ascontiguousarray(fewer[:, ::-1]), spec.dictionary, parameters)

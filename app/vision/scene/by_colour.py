@@ -66,8 +66,6 @@ PLAIN_SHARE = 0.8  # of what is surely bare, that looks alike in the same light
 LEAST_SPREAD, USUAL_SPREADS, APART_NATS = 1.0, 4.0, 4.0
 MIN_THING_MM2 = 250.0
 CELL_MM = 3.0
-MOST_KNOWN = 0.25  # of a thing, that lies on dishes which heights show: more, and it is one of them
-PLAIN_RIM_MM = (4.0, 30.0)  # over the table: higher ones are foods, or measured all round
 MIN_DISH_MM2 = 9000.0  # a saucer; smaller ones are foods
 MAX_DISH_MM2 = 110_000.0
 MAX_ASPECT = 1.6
@@ -143,27 +141,29 @@ def places_by_colour(
 
 
 def with_plain_dishes(layout: Layout) -> Layout:
-    """Return the layout with what colours show: things, and dishes whose rims are too plain for heights alone."""
+    """Return the layout with its things, and with dishes whose rims are too plain for heights to show them."""
     things = _on_table(layout.scene)
     silhouettes = [_inward(dish, layout) > 0 for dish in layout.dishes]
-    known = np.any([np.zeros_like(things), *silhouettes], axis=0)
-    new = [
-        thing
-        for thing in components(things)
-        if np.count_nonzero(thing & known) < MOST_KNOWN * np.count_nonzero(thing)
-    ]
-    plain = [_plain_dish(thing, layout) for thing in new]
-    dishes = [*layout.dishes, *(dish for dish in plain if dish is not None)]
+    is_dish = np.any([np.zeros_like(things), *silhouettes], axis=0)
+    dishes = list(layout.dishes)
+    for thing in components(things):
+        dish_px = np.count_nonzero(thing & is_dish)
+        if dish_px >= COLOUR_TUNING.most_on_dishes * np.count_nonzero(thing):
+            continue
+        dish = _plain_dish(thing, layout)
+        if dish is not None:
+            dishes.append(dish)
     return replace(layout, dishes=dishes, things=things)
 
 
 def _plain_dish(thing: MaskArray, layout: Layout) -> Dish | None:
-    """Return the dish that a thing is by its colour, with its rim as high as the heights there are."""
+    """Return the dish whose outline a thing has by its colour, with its measured rim; None for a food."""
     dish = _as_dish(thing, layout.scene, layout.view)
     if dish is None or flat_top(thing, layout.scene, 0.0) is not None:
         return None
     dish = with_measured_rim(dish, layout.view, layout.scene)
-    if dish is None or not PLAIN_RIM_MM[0] < dish.rim_mm < PLAIN_RIM_MM[1]:
+    low_mm, high_mm = COLOUR_TUNING.plain_rim_mm
+    if dish is None or not low_mm < dish.rim_mm < high_mm:
         return None
     return dish if _holds_food(dish, layout) else None
 

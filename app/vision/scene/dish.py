@@ -449,7 +449,10 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
 
 
 def inward_of(polygon: NDArray[np.int32], view: TopView) -> Float32Array:
-    """(rows, columns) distance inward from a convex polygon (n, 2) of cells, mm, negative outside."""
+    """Return (rows, columns) the distance inward from a convex polygon, mm, negative outside.
+
+    polygon: (n, 2) cells
+    """
     picture = np.zeros(view.height_mm.shape, np.uint8)
     cv2.fillConvexPoly(picture, polygon, 1)
     return (inward_px(picture > 0) - inward_px(picture == 0)) * view.cell_mm

@@ -168,7 +168,9 @@ def _cores(sure: MaskArray, scene: Scene, *, is_on_board: bool) -> tuple[MaskArr
 
 
 def _surely_raised(core: MaskArray, deep: MaskArray, place: Place) -> MaskArray:
-    """Return the parts of the core, (h, w), that heights alone may call food; both as _cores has them.
+    """Return the parts of the core (h, w) that heights alone may call food.
+
+    core, deep: (h, w) as _cores returns them
 
     On a plate, whose floor is not measured, windows spread heights from its rim to its food.
     """
@@ -178,7 +180,7 @@ def _surely_raised(core: MaskArray, deep: MaskArray, place: Place) -> MaskArray:
 
 
 def _alike(surely_raised: MaskArray, ratio: Float32Array) -> MaskArray:
-    """(h, w) the parts of what is raised that look like what they stand on, so that only heights tell them apart.
+    """Return the raised parts (h, w) with the colours of their support, from which only heights part them.
 
     ratio: (h, w) log likelihood ratio of colour and texture, food over what is around it, nats
     """

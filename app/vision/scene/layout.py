@@ -36,7 +36,7 @@ MOST_OF_IT = 0.5  # of what a mask shows, that lies over a dish
 class Layout:
     """The scene with heights over a table that no dish has a part in, seen from above, and its dishes.
 
-    things: (h, w) what lies on the table by its colours, dishes and foods; empty before by_colour.py looks for it.
+    things: (h, w) dishes and foods on the table by their colours; empty until by_colour.py looks for them
     """
 
     scene: Scene

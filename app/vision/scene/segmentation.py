@@ -181,12 +181,7 @@ def _by_colour(
     """
     layout = lay_out_by_colour(without_heights(measured), foods.table)
     if is_pair:
-        layout = replace(
-            layout,
-            dishes=[
-                with_measured_rim(dish, layout.view, measured) or dish for dish in layout.dishes
-            ],
-        )
+        layout = _with_measured_rims(layout, measured)
     low = [dish for dish in layout.dishes if dish.rim_mm < LOW_RIM_MM]
     if not foods.regions or any(
         _is_dish(region, dish, layout) for region in foods.regions for dish in low
@@ -216,10 +211,10 @@ def _by_colour_beside(
     shape: of the whole grid
     """
     scene = layout.scene
-    known = np.zeros_like(is_unseen)
+    is_food_by_heights = np.zeros_like(is_unseen)
     if foods.regions:
-        known = dilated(_reduced(foods.mask, scene), 3)
-    taken = scene.is_ignored | known
+        is_food_by_heights = dilated(_reduced(foods.mask, scene), 3)
+    taken = scene.is_ignored | is_food_by_heights
     unmeasured = opened(~np.isfinite(scene.height_mm) & ~taken, COLOUR_TUNING.unmeasured_px)
     unmeasured = without_specks(unmeasured, MIN_AREA_MM2 / scene.pixel_mm**2)
     if not unmeasured.any():
@@ -227,14 +222,11 @@ def _by_colour_beside(
     plain = without_heights(scene)
     of_colours = replace(layout, scene=plain)
     if not layout.dishes:
-        of_colours = lay_out_by_colour(plain, layout.trend)
-        rims = [with_measured_rim(dish, of_colours.view, scene) for dish in of_colours.dishes]
-        dishes = [rim or dish for rim, dish in zip(rims, of_colours.dishes, strict=True)]
-        of_colours = replace(of_colours, dishes=dishes)
+        of_colours = _with_measured_rims(lay_out_by_colour(plain, layout.trend), scene)
     around = replace(plain, is_ignored=taken)
     masks: list[MaskArray] = []
     for place in places_by_colour(of_colours, [], unmeasured):
-        new = opened(place.is_sure & ~known, COLOUR_TUNING.unmeasured_px)
+        new = opened(place.is_sure & ~is_food_by_heights, COLOUR_TUNING.unmeasured_px)
         parts = [
             part
             for part in components(new)
@@ -251,7 +243,13 @@ def _by_colour_beside(
             masks += [_without_hole(mask, taken, scene) for mask in own]
     regions = [Region(_enlarged(mask, shape) & ~foods.mask, is_by_colour=True) for mask in masks]
     regions = [region for region in regions if region.mask.any()]
-    return _supported(regions, replace(of_colours, scene=scene), known)
+    return _supported(regions, replace(of_colours, scene=scene), is_food_by_heights)
+
+
+def _with_measured_rims(layout: Layout, scene: Scene) -> Layout:
+    """Return the layout with rims as high as they are measured, where they are. scene: with heights."""
+    dishes = [with_measured_rim(dish, layout.view, scene) or dish for dish in layout.dishes]
+    return replace(layout, dishes=dishes)
 
 
 def _may_stand_high(part: MaskArray, taken: MaskArray, scene: Scene) -> bool:
