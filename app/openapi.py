@@ -39,9 +39,8 @@ PART, NO_SUCH_PART = "206", 416
 FILE_TYPES = frozenset(["application/zip", *(form.content_type for form in FORMATS.values())])
 # pydantic's names of limits of types with a validator before them, which JSON Schema does not know
 LIMITS = {"ge": "minimum", "gt": "exclusiveMinimum", "le": "maximum", "lt": "exclusiveMaximum"}
-COUNTED_AT_401 = frozenset(
-    {"post_password"}
-)  # the caller is known, the password in the body is wrong
+# the caller is known, the password in the body is wrong
+COUNTED_AT_401 = frozenset({"post_password"})
 
 
 def _text(description: str) -> dict[str, Any]:
@@ -92,12 +91,10 @@ LOCATED = frozenset(
     }
 )  # fmt: skip
 OF_UPLOADS = frozenset({"post_upload", "get_upload", "patch_upload"})
-LOCATED_AGAIN = frozenset(
-    {"post_declared_meal", "post_export", "post_remeasurement"}
-)  # in the 200 of a repeat too
-COMPARE_CLOCKS = frozenset(
-    {"post_meal", "put_meal", "put_after", "post_declared_meal"}
-)  # their 409 may be `clock_differs`
+# in the 200 of a repeat too
+LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export", "post_remeasurement"})
+# their 409 may be `clock_differs`
+COMPARE_CLOCKS = frozenset({"post_meal", "put_meal", "put_after", "post_declared_meal"})
 TAGGED = frozenset(
     {
         "post_meal", "put_meal", "put_photograph", "put_after", "get_meal", "post_declared_meal", "post_event",

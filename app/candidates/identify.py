@@ -85,9 +85,8 @@ class IdentifyFoods:
                         item.none_probability = round(identification.none_probability, DECIMALS)
                         item.index_version = identification.index_version
                 note_doubtful_scale(meal, answer, identifier)
-        except (
-            Exception
-        ) as error:  # any bug: the volumes are computed, and a person can name the foods
+        # any bug: the volumes are computed, and a person can name the foods
+        except Exception as error:
             if isinstance(error, SQLAlchemyError) and is_passing(error):
                 raise  # the database is unavailable, and a run's candidates are written only once
             log.exception("identify_failed", meal_id=str(meal.id))

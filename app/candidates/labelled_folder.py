@@ -91,9 +91,8 @@ def labelled_photos(folder: Path) -> Iterator[LabelledPhoto]:
                 f"{path} lies too deep: FOLDER/<label>/<specimen>/<photograph> is expected."
             )
         name = "/".join(parts)
-        specimen = "/".join(
-            parts[:2]
-        )  # of a photograph directly under its label this is its own name
+        # of a photograph directly under its label this is its own name
+        specimen = "/".join(parts[:2])
         yield LabelledPhoto(path, name, parts[0], specimen, boxes.pop(name, None))
     if boxes:
         raise _invalid(

@@ -141,9 +141,8 @@ class ApiChildren:
             outcome=ended.outcome,
             message=_loggable_message(ended),
         )
-        if (
-            ended.outcome in ("stalled", "killed") or ended.errno is not None
-        ):  # as http/problems.py answers an OSError
+        # as http/problems.py answers an OSError
+        if ended.outcome in ("stalled", "killed") or ended.errno is not None:
             raise _busy()
         if ended.outcome == "raised":
             raise TadaError(

@@ -39,9 +39,8 @@ def main(arguments: list[str]) -> None:
     tasks_name, parent_pid, memory_bytes = arguments
     die_with_parent(int(parent_pid))
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(
-            number, signal.SIG_IGN
-        )  # sent to the whole process group; the parent decides when a child ends
+        # sent to the whole process group; the parent decides when a child ends
+        signal.signal(number, signal.SIG_IGN)
     requests, answers = _take_pipes()
     faulthandler.enable(sys.stderr)
     _limit_memory(int(memory_bytes))
@@ -99,9 +98,8 @@ def _load_tasks(name: str) -> Mapping[str, Task]:
     module_name, _, attribute = name.partition(":")
     tasks: Mapping[str, Task] = getattr(importlib.import_module(module_name), attribute)
     if "cv2" in sys.modules:
-        sys.modules["cv2"].setNumThreads(
-            1
-        )  # there are many children; more threads would only compete
+        # there are many children; more threads would only compete
+        sys.modules["cv2"].setNumThreads(1)
     return tasks
 
 
@@ -110,9 +108,8 @@ def _perform(
 ) -> Message:
     try:
         result = tasks[name](arguments, lambda stage: _send(answers, {"stage": stage}))
-        json.dumps(
-            result, allow_nan=False
-        )  # an answer that is not JSON is reported as a fault of the task
+        # an answer that is not JSON is reported as a fault of the task
+        json.dumps(result, allow_nan=False)
     except Exception as error:  # noqa: BLE001  # the worker's edge
         traceback.print_exc()
         message = f"{type(error).__name__}: {error}"

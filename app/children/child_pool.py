@@ -136,20 +136,17 @@ class ChildPool:
     def __init__(
         self, settings: Settings, tasks: str, *, uses: int = USES, children: int = 1
     ) -> None:
-        self.on_begin: Callable[[str], object] = lambda _: (
-            None
-        )  # called with the request's name when it needs a child
-        self.on_done: Callable[[str], object] = lambda _: (
-            None
-        )  # called with the request's name when it no longer needs one
+        # called with the request's name when it needs a child
+        self.on_begin: Callable[[str], object] = lambda _: None
+        # called with the request's name when it no longer needs one
+        self.on_done: Callable[[str], object] = lambda _: None
         self._settings = settings
         self._tasks = tasks
         self._uses = uses
         self._children = children
         self._free = threading.BoundedSemaphore(children)
-        self._gathering = (
-            threading.Lock()
-        )  # held while a request collects all places: two would deadlock
+        # held while a request collects all places: two would deadlock
+        self._gathering = threading.Lock()
         self._lock = threading.Lock()
         self._warm: list[_Child] = []
         self._alive: set[_Child] = set()
@@ -375,9 +372,8 @@ class _Child:
             return
         message = next(self._messages(START_SECONDS), None)
         if message != {"ready": True}:
-            with contextlib.suppress(
-                subprocess.TimeoutExpired
-            ):  # the pipe closes shortly before the process ends
+            # the pipe closes shortly before the process ends
+            with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(1.0)
             raise ChildStartError(f"a child process did not start (status {self._process.poll()})")
         self._is_ready = True
@@ -400,9 +396,8 @@ class _Child:
         stdin = self._process.stdin
         if stdin is None:
             raise ValueError("the child has no pipe")
-        with contextlib.suppress(
-            BrokenPipeError
-        ):  # it is dead; reading its messages below tells how it died
+        # it is dead; reading its messages below tells how it died
+        with contextlib.suppress(BrokenPipeError):
             stdin.write(line.encode())
             stdin.flush()
         deadline = time.monotonic() + seconds
@@ -446,9 +441,8 @@ class _Child:
 
     def _describe_death(self, cpu_seconds: float) -> ChildResult:
         status = self._process.wait()
-        if (
-            status == -signal.SIGKILL
-        ):  # not by us, which is "stalled": by the kernel, for lack of memory
+        # not by us, which is "stalled": by the kernel, for lack of memory
+        if status == -signal.SIGKILL:
             return ChildResult(
                 "killed", message="the child process was killed, most likely by the kernel"
             )

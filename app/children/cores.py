@@ -68,9 +68,8 @@ def _control_groups(root: Path, controller: str) -> Iterator[Path]:
             continue
         top = root / "sys/fs/cgroup" / (controller if controllers else "")
         folder = top / path.strip("/")
-        while folder.is_relative_to(
-            top
-        ):  # in a container the path may be the host's; the top always exists
+        # in a container the path may be the host's; the top always exists
+        while folder.is_relative_to(top):
             yield folder
             folder = folder.parent
 
@@ -81,9 +80,8 @@ def _cpu_quota(folder: Path) -> float | None:
         *_words(folder / "cpu.cfs_quota_us"),
         *_words(folder / "cpu.cfs_period_us"),
     ]
-    if (
-        len(words) != 2 or not all(word.isdigit() for word in words) or int(words[1]) == 0
-    ):  # "max", or -1
+    # "max", or -1
+    if len(words) != 2 or not all(word.isdigit() for word in words) or int(words[1]) == 0:
         return None
     return int(words[0]) / int(words[1])
 

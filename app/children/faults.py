@@ -89,8 +89,7 @@ def is_passing(error: Exception) -> bool:
         )
     if isinstance(error, sa.exc.TimeoutError):  # no free connection in the pool
         return True
-    if isinstance(
-        error, (ConnectionError, TimeoutError, ChildStartError)
-    ):  # a worker checks at its start that children start
+    # a worker checks at its start that children start
+    if isinstance(error, (ConnectionError, TimeoutError, ChildStartError)):
         return True
     return isinstance(error, OSError) and error.errno in PASSING_ERRNOS

@@ -246,9 +246,8 @@ def _reference(stage: LifeStage, number: str) -> ReferenceIntake | None:
         for intake in reference_intakes(stage)
         if intake.number == number and intake.ear is not None
     ]
-    return min(
-        with_ear, key=lambda intake: intake.per != "day", default=None
-    )  # prefer per day to per kilogram
+    # prefer per day to per kilogram
+    return min(with_ear, key=lambda intake: intake.per != "day", default=None)
 
 
 def _judge(stage: LifeStage, group: _Group, number: str) -> StageAdequacyOut:

@@ -350,9 +350,8 @@ def sum_and_coverage(amount: Grams) -> tuple[AnyColumn, AnyColumn]:
     known for all records, else 0.
     """
     consumed_g = EffectiveRecord.consumed_g
-    zero: sa.ColumnElement[int] = sa.literal_column(
-        "0"
-    )  # literals, since the same sums are then taken once
+    # literals, since the same sums are then taken once
+    zero: sa.ColumnElement[int] = sa.literal_column("0")
     weight = sa.case((consumed_g > zero, billionths(consumed_g)), else_=zero)
     whole = sa.func.sum(weight)
     unknown = sa.func.sum(weight).filter(amount.is_(None))  # NULL if there is none

@@ -36,9 +36,8 @@ from app.people.schemas import ParticipantRow
 from app.people.studies import enter_study
 
 NEVER = datetime(1970, 1, 1, tzinfo=UTC)
-PLACES: Mapping[
-    Order, Callable[[ProgressRowOut], date | float]
-] = {  # the smaller, the further behind
+# the smaller, the further behind
+PLACES: Mapping[Order, Callable[[ProgressRowOut], date | float]] = {
     "last_entry": lambda row: row.last_entry or date.min,
     "complete": lambda row: row.complete_days / row.expected_days if row.expected_days else 1.0,
     "questions": lambda row: -row.open_questions,

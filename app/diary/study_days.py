@@ -21,9 +21,8 @@ def person_on(profile: Profile | None, day: date) -> Person | None:
         return None
     try:
         return person_at_age(profile, float(day.year - birth_year))
-    except (
-        ValueError
-    ):  # a profile that was consistent when it was set need not be consistent on every day
+    # a profile that was consistent when it was set need not be consistent on every day
+    except ValueError:
         return None
 
 

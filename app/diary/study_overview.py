@@ -117,9 +117,8 @@ def study_overview(
         whole_days = [(day, day.whole_amounts()) for day in counted if day.is_complete]
         amounts, person_means = _amounts(whole_days)
         shown = _overview_days(counted, whole_days, meals, persons, _days_until(first, last), today)
-        keeps_places = (
-            study.location_policy != "drop"
-        )  # places kept under an earlier policy are not shown either
+        # places kept under an earlier policy are not shown either
+        keeps_places = study.location_policy != "drop"
         located_meals = sum(day.located_meals for day in shown)
         return StudyOverview(
             study=study.code,

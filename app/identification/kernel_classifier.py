@@ -25,9 +25,8 @@ from app.identification.metric import Vectors, squared_distances
 WIDTH = 1.0  # of the kernel, exp(-WIDTH d²), where typical regions are d = 1 apart
 RIDGE = 0.03  # the share of an example's membership that counts as noise
 MISSING = 2.0  # a class of n examples scores some n / (n + MISSING) of what it will: ECUSTFD's foods, some left out
-NEAREST = (
-    256  # examples that decide: with all of two thousand, no more foods are told (decision 0068)
-)
+# examples that decide: with all of two thousand, no more foods are told (decision 0068)
+NEAREST = 256
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,10 +73,8 @@ SIZE_TELLS = math.log(1.5)  # log likelihood ratio from which on a size is told 
 
 
 LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
-DECLARED_RIGHT, PRINT_LOG_SD = (
-    0.95,
-    0.03,
-)  # of studies' boards; of a printer that scales to the page
+# of studies' boards; of a printer that scales to the page
+DECLARED_RIGHT, PRINT_LOG_SD = (0.95, 0.03)
 WRONG_LOG_SD = 0.7  # a factor of two either way is usual among wrong ones: millimetres of another board, inches, A3
 # Median, mm, and spread in logarithms. Rims' radii: plates of 170 mm across to platters of 330, bowls of 110 to 240,
 # espresso cups of 55 to mugs of 115, in 90 % of tableware. Phones are held 210 to 680 mm above the table.
@@ -88,9 +86,8 @@ USUAL_MM = {
 }
 UNUSUAL, UNUSUAL_LOG_SD = 0.1, 0.7  # share of other sizes, and their spread
 SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 times likelier with another one
-LEAST_LOG_FACTOR = math.log(
-    1.2
-)  # that is told: below it the interval of a volume covers much of it
+# that is told: below it the interval of a volume covers much of it
+LEAST_LOG_FACTOR = math.log(1.2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,10 +114,8 @@ def plausible_factor(
     right = math.log(DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, PRINT_LOG_SD)
     wrong = math.log(1.0 - DECLARED_RIGHT) + _log_normal(LOG_FACTORS, 0.0, WRONG_LOG_SD)
     likelihood = np.zeros_like(LOG_FACTORS)
-    for (
-        kind,
-        of_kind_mm,
-    ) in lengths_mm.items():  # dishes of one kind are of one set: they count once
+    # dishes of one kind are of one set: they count once
+    for kind, of_kind_mm in lengths_mm.items():
         likelihood += np.mean(
             [_length_log_likelihood(kind, length_mm) for length_mm in of_kind_mm], axis=0
         )

@@ -68,9 +68,8 @@ class Claims:
         self._claimed: set[uuid.UUID] = set()
         self._background: set[uuid.UUID] = set()  # those of them that are background jobs
         self._handed_back: set[uuid.UUID] = set()  # those of them that must make room
-        self._computed: set[uuid.UUID] = (
-            set()
-        )  # those of them that only wait to be sealed and saved
+        # those of them that only wait to be sealed and saved
+        self._computed: set[uuid.UUID] = set()
         self._lock = threading.Lock()
         self._ending = threading.Event()
         self._look = threading.Event()
@@ -115,9 +114,8 @@ class Claims:
     def _claim_up_to_capacity(self) -> None:
         with self._lock:
             claimed, computed = len(self._claimed), len(self._computed)
-        room = (
-            self._concurrency - claimed + min(computed, self._concurrency)
-        )  # so that results do not pile up before a slow store
+        # so that results do not pile up before a slow store
+        room = self._concurrency - claimed + min(computed, self._concurrency)
         with self._lock:
             background, handed_back = len(self._background), set(self._handed_back)
         if room <= 0 and not background:
@@ -185,9 +183,8 @@ class Claims:
             self._run(job_id)
         except JobLeft:
             pass
-        except (
-            Exception
-        ):  # the worker's edge: job_worker.py finds jobs that are claimed but not running
+        # the worker's edge: job_worker.py finds jobs that are claimed but not running
+        except Exception:
             log.exception("job_broken_off", job_id=str(job_id))
         finally:
             with self._lock:

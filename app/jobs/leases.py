@@ -207,9 +207,8 @@ class FileLease:
         self._path.parent.mkdir(parents=True, exist_ok=True)
         while True:
             file = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o600)
-            fcntl.flock(
-                file, fcntl.LOCK_EX
-            )  # a worker that checks whether we live holds the lock for a moment
+            # a worker that checks whether we live holds the lock for a moment
+            fcntl.flock(file, fcntl.LOCK_EX)
             if _is_still_there(file, self._path):
                 break
             os.close(file)
@@ -306,9 +305,8 @@ def _remove_if_unlocked(path: Path) -> None:
     with _opened(path) as file, contextlib.suppress(BlockingIOError):
         if file is not None:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink(
-                missing_ok=True
-            )  # under the lock: a worker that is just starting notices it and creates the file again
+            # under the lock: a worker that is just starting notices it and creates the file again
+            path.unlink(missing_ok=True)
 
 
 def _read_if_locked(path: Path) -> Executor | None:

@@ -62,17 +62,12 @@ def turns_so_far(session: Session, study_id: uuid.UUID) -> tuple[int, int]:
     return reached or 0, last_of_study or 0
 
 
-_IS_LIVE = Job.finished_at.is_(
-    None
-)  # the indexes' condition; finish_job and fail_job set finished_at with the state
+# the indexes' condition; finish_job and fail_job set finished_at with the state
+_IS_LIVE = Job.finished_at.is_(None)
 
 
-_CLAIM_ORDER = (
-    Job.is_background,
-    Job.turn,
-    Job.enqueued_at,
-    Job.id,
-)  # the order of the index of waiting jobs
+# the order of the index of waiting jobs
+_CLAIM_ORDER = (Job.is_background, Job.turn, Job.enqueued_at, Job.id)
 
 
 def _is_waiting(protocol: int) -> sa.ColumnElement[bool]:

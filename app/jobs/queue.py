@@ -154,9 +154,8 @@ def _move_meal(
             "meal_queued_again", meal_id=str(meal_id), purpose=purpose, reason="it had no job"
         )
         return True
-    jobs.fail_pair(
-        meal, purpose, INTERNAL_ERROR
-    )  # its job has ended without an answer, and so would another
+    # its job has ended without an answer, and so would another
+    jobs.fail_pair(meal, purpose, INTERNAL_ERROR)
     if purpose != "meal":
         settle(session, meal)
     instruments.SWEPT.labels("failed").inc()

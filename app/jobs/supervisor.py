@@ -49,10 +49,8 @@ class WorkerProcess:
         environment: Mapping[str, str] | None = None,
     ) -> None:
         self._command = [*command, "--parent", str(os.getpid())]
-        others = (
-            "TADA_",
-            "PROMETHEUS_",
-        )  # the latter would let it count together with the server's processes
+        # the latter would let it count together with the server's processes
+        others = ("TADA_", "PROMETHEUS_")
         inherited = {
             name: value for name, value in os.environ.items() if not name.startswith(others)
         }

@@ -31,22 +31,14 @@ MAX_TEXT_BYTES = 1 << 20  # of a Samsung block that is searched for words
 ISO6709 = re.compile(
     rb"[+-]\d{2,6}(?:\.\d{1,12})?[+-]\d{3,7}(?:\.\d{1,12})?(?:[+-]\d{1,6}(?:\.\d{1,12})?)?/?"
 )
-PLACE_WORDS = (
-    b"latitude",
-    b"Latitude",
-    b"LATITUDE",
-    b"GPSInfo",
-)  # who tells a longitude tells a latitude
-CLEANERS: tuple[
-    tuple[bytes, int, Callable[[bytes], bytes]], ...
-] = (  # of JPEG segments: mark, header with it
+# who tells a longitude tells a latitude
+PLACE_WORDS = (b"latitude", b"Latitude", b"LATITUDE", b"GPSInfo")
+# of JPEG segments: mark, header with it
+CLEANERS: tuple[tuple[bytes, int, Callable[[bytes], bytes]], ...] = (
     (PHOTOSHOP_MARK, len(PHOTOSHOP_MARK), resources_without_places),
     (XMP_MARK, len(XMP_MARK), without_places),
-    (
-        EXTENDED_XMP_MARK,
-        EXTENDED_XMP_HEADER_BYTES,
-        lambda part: emptied_packet(len(part)),
-    ),  # alone it is no XML
+    # alone it is no XML
+    (EXTENDED_XMP_MARK, EXTENDED_XMP_HEADER_BYTES, lambda part: emptied_packet(len(part))),
 )
 PACKET_START, PACKET_END = b"<x:xmpmeta", b"</x:xmpmeta>"
 

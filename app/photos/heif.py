@@ -106,15 +106,13 @@ class _File:
     extents: dict[int, tuple[Extent, ...]] = field(default_factory=dict)
     properties: list[Part] = field(default_factory=list)
     associations: dict[int, list[int]] = field(default_factory=dict)
-    parts: dict[int, list[int]] = field(
-        default_factory=dict
-    )  # of derived pictures: grids, overlays
+    # of derived pictures: grids, overlays
+    parts: dict[int, list[int]] = field(default_factory=dict)
     auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
     descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
     has_auxiliaries: bool = False
-    pixels: dict[tuple[int, int], int] = field(
-        default_factory=dict
-    )  # that an item makes, by item and depth
+    # that an item makes, by item and depth
+    pixels: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def spend(self) -> None:
         self.steps_left -= 1
@@ -224,9 +222,8 @@ def _read_item_types(file: _File, iinf: Part) -> None:
         item_id = entry.number(2 if version == 2 else 4)
         entry.number(2)  # protection
         kind = entry.take(4)
-        names = entry.take(min(1024, box.end - entry.position)).split(
-            b"\0"
-        )  # item name, then content type
+        # item name, then content type
+        names = entry.take(min(1024, box.end - entry.position)).split(b"\0")
         file.types[item_id] = (kind, names[1] if kind == b"mime" and len(names) > 1 else b"")
 
 
@@ -236,9 +233,8 @@ def _read_item_locations(file: _File, iloc: Part, idat: Extent | None) -> None:
     sizes = reader.number(2)
     offset_size, length_size, base_size = sizes >> 12, sizes >> 8 & 15, sizes >> 4 & 15
     index_size = sizes & 15 if version in {1, 2} else 0
-    metadata_left = len(
-        file.data
-    )  # extents may overlap; all metadata together may still not pass the file's length
+    # extents may overlap; all metadata together may still not pass the file's length
+    metadata_left = len(file.data)
     for _ in file.counted(reader.number(2 if version < 2 else 4)):
         item_id = reader.number(2 if version < 2 else 4)
         method = reader.number(2) & 15 if version in {1, 2} else 0

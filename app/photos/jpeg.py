@@ -16,9 +16,8 @@ FRAME_MARKERS = frozenset(bytes([code]) for code in range(0xC0, 0xD0)) - {
     b"\xc8",
     b"\xcc",
 }  # no DHT, JPG, DAC
-ALONE = frozenset(
-    {TEM, EOI, *(bytes([code]) for code in range(0xD0, 0xD8))}
-)  # markers without length
+# markers without length
+ALONE = frozenset({TEM, EOI, *(bytes([code]) for code in range(0xD0, 0xD8))})
 FIRST_SEGMENT_MARKER = b"\xc0"  # below are TEM and codes that no encoder may write
 
 # of a progressive picture; encoders write some ten, and each is a pass over all pixels

@@ -13,9 +13,8 @@ PNG_EXIF, WEBP_EXIF = b"eXIf", b"EXIF"  # kinds of chunks
 EXIF_MARK = b"Exif\0"  # and one more byte: 0, or FF by some writers
 XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
 EXTENDED_XMP_MARK = b"http://ns.adobe.com/xmp/extension/\0"
-EXTENDED_XMP_HEADER_BYTES = (
-    len(EXTENDED_XMP_MARK) + 32 + 4 + 4
-)  # the mark, a digest, the whole's length, the offset in it
+# the mark, a digest, the whole's length, the offset in it
+EXTENDED_XMP_HEADER_BYTES = len(EXTENDED_XMP_MARK) + 32 + 4 + 4
 PNG_XMP_MARK = b"XML:com.adobe.xmp\0\0"  # keyword and the flag of no compression; then method, language, keyword, text
 PHOTOSHOP_MARK = b"Photoshop 3.0\0"
 MAX_TIFF_HEADER_OFFSET = 64  # in HEIC: past "Exif\0\0" at most, says every writer
@@ -40,9 +39,8 @@ def jpeg_xmp_packets(
 ) -> tuple[list[list[Extent]], list[list[Extent]]]:
     """XMP packets: each main one, and each extended one put together in order; and parts that do not make a whole."""
     packets: list[list[Extent]] = []
-    parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(
-        list
-    )  # by the extended packet's digest and length
+    # by the extended packet's digest and length
+    parts: dict[bytes, list[tuple[int, Extent]]] = defaultdict(list)
     for segment in segments:
         if segment.kind != APP1:
             continue

@@ -74,9 +74,8 @@ def read_directories(block: bytes) -> list[Directory] | None:
     if order is None or len(block) < 8:
         return None
     found: list[Directory] = []
-    visited: set[tuple[int, bool]] = (
-        set()
-    )  # a directory that is reached both as GPS and as another counts as both
+    # a directory that is reached both as GPS and as another counts as both
+    visited: set[tuple[int, bool]] = set()
     entries_left = MAX_ENTRIES
     first = int.from_bytes(block[4:8], order)
     waiting = [(first, 0)]

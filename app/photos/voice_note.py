@@ -12,9 +12,8 @@ from app.photos.byte_file import Data, Edits, edit_bytes
 from app.photos.embedded import clean_embedded
 
 WEBM, MP4 = "audio/webm", "audio/mp4"
-MAX_NOTE_BYTES = (
-    2 * 1024**2
-)  # two minutes at 128 kbit/s, the most that browsers choose by themselves
+# two minutes at 128 kbit/s, the most that browsers choose by themselves
+MAX_NOTE_BYTES = 2 * 1024**2
 EBML, DOC_TYPE, SEGMENT, TRACKS, TRACK, TRACK_TYPE = (
     0x1A45DFA3,
     0x4282,
@@ -103,9 +102,8 @@ def _elements(data: Data, start: int, end: int, stop: int | None = None) -> Iter
     while position < end:
         name, position = _number(data, position, keeps_marker=True)
         size, position = _number(data, position)
-        close = (
-            end if size is None else position + size
-        )  # a recorder does not know its segment's length beforehand
+        # a recorder does not know its segment's length beforehand
+        close = end if size is None else position + size
         if name is None or close > end:
             raise ValueError("an element is cut")
         yield name, position, close

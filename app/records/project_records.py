@@ -59,9 +59,8 @@ SURE = 0.95  # of the index that a hint names the wrong food: a phone is wrong l
 SETTLED = frozenset({"confirmed", "corrected", "rejected"})
 LEARNED = frozenset({"confirmed", "corrected"})  # record's statuses
 NEVER_LEARNED = frozenset({"after", "declared"})  # pieces that were left, and what no camera saw
-UNSEEN = frozenset(
-    {"food_version", "run_id", "details"}
-)  # columns that readers of changes do not get
+# columns that readers of changes do not get
+UNSEEN = frozenset({"food_version", "run_id", "details"})
 
 Columns = Mapping[str, Any]
 

@@ -39,9 +39,8 @@ from app.people.participants import require_in_study
 from app.records import queries as records
 from app.storage.blob_store import BlobStore
 
-NOBODY_KNOWS = MassTotal(
-    None, 0
-)  # of a meal that failed or is not measured yet; confirmed without foods, it is 0
+# of a meal that failed or is not measured yet; confirmed without foods, it is 0
+NOBODY_KNOWS = MassTotal(None, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,9 +73,8 @@ class MealView:
     run: Run | None = None
     artefacts: tuple[RunArtefact, ...] = ()
     items: tuple[ItemView, ...] = ()
-    components: Mapping[str, Component] = field(
-        default_factory=dict
-    )  # by number: those that the items have figures of
+    # by number: those that the items have figures of
+    components: Mapping[str, Component] = field(default_factory=dict)
     total_mass: MassTotal = NOBODY_KNOWS
     totals: Mapping[str, NutrientTotal] = field(default_factory=dict)
     leftovers: tuple[PieceDetails, ...] = ()
@@ -118,9 +116,8 @@ def lock_meal_of(
         require_in_study(session, caller.participant_id)
     meal, participant, study = find_meal(session, caller, client_id, participant_code)
     locked = lock_with_person(session, meal)
-    if (
-        locked is None or locked.client_id != client_id
-    ):  # erased or anonymised while this waited for the lock
+    # erased or anonymised while this waited for the lock
+    if locked is None or locked.client_id != client_id:
         raise NotFoundError("There is no such meal.")
     return locked, participant, study
 
@@ -142,9 +139,8 @@ def read_meal(
 
 def meal_view(session: Session, meal: Meal, participant_code: str, study_code: str) -> MealView:
     """A meal as it is stored by now: nothing of it is projected anew."""
-    is_bare = meal.status in meals.UNESTIMATED and not records.has_results(
-        session, meal.id
-    )  # phones ask for it most
+    # phones ask for it most
+    is_bare = meal.status in meals.UNESTIMATED and not records.has_results(session, meal.id)
     runs = {} if is_bare else records.last_runs(session, meal.id)
     run, after_run = runs.get("meal"), runs.get("after")
     rows = [] if is_bare else records.items_of_meal(session, meal.id)

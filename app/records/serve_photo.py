@@ -225,9 +225,8 @@ def make_picture(
 def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
     """The newest run on the photograph's pair."""
     is_after = slot in AFTER_SLOTS
-    if (
-        is_after and meal.after_status in meals.UNESTIMATED
-    ):  # a failed pair's run is not of the one sent in its place
+    # a failed pair's run is not of the one sent in its place
+    if is_after and meal.after_status in meals.UNESTIMATED:
         return None
     return records.last_runs(session, meal.id).get("after" if is_after else "meal")
 
@@ -235,9 +234,8 @@ def _run_on(session: Session, meal: Meal, slot: str) -> Run | None:
 def _colour_of(run: Run | None, slot: str) -> Mapping[str, Any] | None:
     if run is None or run.colour is None:
         return None
-    colour: Mapping[str, Any] | None = run.colour.get(
-        slot.removeprefix("after_")
-    )  # of further views there is none
+    # of further views there is none
+    colour: Mapping[str, Any] | None = run.colour.get(slot.removeprefix("after_"))
     return colour if colour is not None and colour["kind"] != "none" else None
 
 

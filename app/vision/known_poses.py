@@ -15,10 +15,8 @@ from app.vision.rig import Row, StereoRig, is_rotation, numbers_from
 Convention = Literal["arkit", "arcore", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 SIDES = ("left", "right")
-MIN_BASELINE_MM, MAX_BASELINE_MM = (
-    20.0,
-    1000.0,
-)  # tracking is off by millimetres: nearer, it tells no scale
+# tracking is off by millimetres: nearer, it tells no scale
+MIN_BASELINE_MM, MAX_BASELINE_MM = (20.0, 1000.0)
 MM_PER_M = 1000.0
 UP = (0.0, 1.0, 0.0)  # of ARKit's world and ARCore's
 QUARTER_TURNS = {
@@ -132,9 +130,8 @@ def _camera_from_world(pose: ViewPose, convention: Convention, orientation: int)
     if convention == "opencv":
         return x, y, z
     y, z = _scaled(y, -1.0), _scaled(z, -1.0)
-    for _ in range(
-        QUARTER_TURNS.get(orientation, 0)
-    ):  # clockwise: what pointed up points right, what right down
+    # clockwise: what pointed up points right, what right down
+    for _ in range(QUARTER_TURNS.get(orientation, 0)):
         x, y = _scaled(y, -1.0), x
     return x, y, z
 

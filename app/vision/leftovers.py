@@ -16,19 +16,14 @@ import scipy
 from app.vision.model import Float64Array, ItemTraits
 
 MIN_MARGIN = math.log(4.0)  # by which the sum must be better than without the match: four to one
-OF_SOME_ITEM = math.log(
-    0.95 / 0.05
-)  # what lies there after a meal is of the meal, rarely a napkin or a second helping
+# what lies there after a meal is of the meal, rarely a napkin or a second helping
+OF_SOME_ITEM = math.log(0.95 / 0.05)
 ONE_MORE_PIECE = -math.log(4.0)  # most foods are left in one piece
 SAME_FOOD = 4.0  # what a food that was told weighs; a person may name another food of the same kind
-SAME_LOOK_SHARE, STAYED_SHARE = (
-    0.7,
-    0.7,
-)  # how often the evidence speaks at all; else it says nothing
-SAME_LOOK_SD, ANY_LOOK_SD = (
-    10.0,
-    40.0,
-)  # CIELAB units a channel: of one food in two photographs; of any two foods
+# how often the evidence speaks at all; else it says nothing
+SAME_LOOK_SHARE, STAYED_SHARE = (0.7, 0.7)
+# CIELAB units a channel: of one food in two photographs; of any two foods
+SAME_LOOK_SD, ANY_LOOK_SD = (10.0, 40.0)
 PLACE_SD_MM, TABLE_SD_MM = 15.0, 150.0  # of a place measured twice; of any two things on a table
 NO_SMALLER_SD = 0.1  # relative, of the excess of a piece over what was served
 BOARD_STAYED, BOARD_TURNED, NO_FRAME, ALL_MOVED = 0.6, 0.1, 0.15, 0.15  # before looking
@@ -202,10 +197,8 @@ def _by_two(
     """(rotation, shift) that bring two pieces onto two items that lay as far apart, the best fitting first."""
     was, at = _centres(served), _centres(left)
     sds = np.array([_place_sd(item) for item in served])
-    displacement, across = (
-        was[None] - was[:, None],
-        at[None] - at[:, None],
-    )  # from the row's to the column's
+    # from the row's to the column's
+    displacement, across = (was[None] - was[:, None], at[None] - at[:, None])
     lever, length = (
         np.hypot(*np.moveaxis(across, -1, 0)),
         np.hypot(*np.moveaxis(displacement, -1, 0)),
@@ -227,9 +220,8 @@ def _assign(table: Float64Array, prior: float) -> tuple[float, list[int | None]]
     pieces, items = table.shape
     copies = min(pieces, MAX_PIECES)
     columns = [table + (ONE_MORE_PIECE if copy else 0.0) for copy in range(copies)]
-    whole = np.hstack(
-        [*columns, np.zeros((pieces, pieces))]
-    )  # the last: unmatched, for any of them
+    # the last: unmatched, for any of them
+    whole = np.hstack([*columns, np.zeros((pieces, pieces))])
     rows, chosen = scipy.optimize.linear_sum_assignment(whole, maximize=True)
     places: list[int | None] = [None] * pieces
     for row, column in zip(rows, chosen, strict=True):

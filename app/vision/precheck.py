@@ -107,9 +107,8 @@ def check_pair(
     camera: Camera | None,
 ) -> PairCheck:
     """Judge a pair. A Failure stands for a photograph that could not be read. camera: as in EstimateOptions."""
-    with ThreadPoolExecutor(
-        2
-    ) as threads:  # OpenCV lets go of the interpreter while it looks for the board
+    # OpenCV lets go of the interpreter while it looks for the board
+    with ThreadPoolExecutor(2) as threads:
         first, second = threads.map(_judge_side, SIDES, (left, right), (spec, spec))
     problems = [*first.problems, *second.problems]
     measures = {**first.measures, **second.measures}

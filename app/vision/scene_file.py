@@ -64,10 +64,8 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     spec = next((marker.spec for marker in trace.markers if marker is not None), None)
     if spec is None and trace.views is None:
         return None
-    if trace.scale not in (
-        None,
-        "marker",
-    ):  # a board that was seen has no place in the table frame of another source
+    # a board that was seen has no place in the table frame of another source
+    if trace.scale not in (None, "marker"):
         spec = None
     content: Document = {
         "version": SCENE_VERSION,
@@ -89,9 +87,8 @@ def write_scene(trace: Trace, pair: PhotoPair, items: Sequence[ItemEstimate]) ->
     scene = trace.scene
     if scene is None or trace.views is None:
         return _encoded(content)
-    right = (
-        trace.views[1] if trace.second_place == 1 else None
-    )  # else outlines would be of another photograph
+    # else outlines would be of another photograph
+    right = trace.views[1] if trace.second_place == 1 else None
     topologies: list[IntArray] = []
     foods = [
         _item(index, item, estimate, topologies)
@@ -129,9 +126,8 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
             "cx": round(camera.cx, 3),
             "cy": round(camera.cy, 3),
             "distortion": _rounded(camera.distortion, 6),
-            "rotation": _rounded(
-                view.rotation, 8
-            ),  # x_camera = rotation @ x_table + translation_mm
+            # from the table frame to the camera: rotation first, then translation_mm
+            "rotation": _rounded(view.rotation, 8),
             "translation_mm": _rounded(view.translation_mm, 4),
             "centre_mm": _rounded(view.centre_mm, 3),
         }
@@ -150,9 +146,8 @@ def _board(spec: MarkerSpec) -> Document:
         "margin_mm": spec.margin_mm,  # of the white border
         "rotation": np.eye(3).tolist(),
         "translation_mm": [0.0, 0.0, round(spec.thick_mm, 3)],
-        "square_colours": [
-            list(DARK_SQUARE if colour == BLACK else colour) for colour in colours
-        ],  # sRGB, row by row from the top left
+        # sRGB, row by row from the top left
+        "square_colours": [list(DARK_SQUARE if colour == BLACK else colour) for colour in colours],
     }
 
 

@@ -15,11 +15,8 @@ VesselKind = Literal[
     "mug", "cup", "glass", "tall_glass", "bowl", "soup_bowl", "deep_plate", "other"
 ]
 
-FLAT_KINDS = (
-    "plate",
-    "big_plate",
-    "board",
-)  # listed beside vessels by some; nothing has a level in them
+# listed beside vessels by some; nothing has a level in them
+FLAT_KINDS = ("plate", "big_plate", "board")
 VESSEL_KINDS: tuple[VesselKind, ...] = get_args(VesselKind)
 MAX_VESSELS = 500
 MAX_PROFILE_POINTS = 200

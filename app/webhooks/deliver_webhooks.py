@@ -91,9 +91,8 @@ class DeliverWebhooks:
         self._chance = chance or random.SystemRandom()
         self._lock = threading.Condition()
         self._busy: set[uuid.UUID] = set()
-        self._rests: dict[
-            uuid.UUID, tuple[float, float]
-        ] = {}  # webhook -> (length in seconds, end by monotonic clock)
+        # webhook -> (length in seconds, end by monotonic clock)
+        self._rests: dict[uuid.UUID, tuple[float, float]] = {}
 
     def run(self) -> int:
         """Start a thread for each webhook with a due delivery, up to MAX_CONCURRENT.
@@ -183,9 +182,8 @@ class DeliverWebhooks:
                 current = (
                     self._claim(Due(self._now(), only=claimed.webhook_id)) if may_continue else None
                 )
-        except (
-            Exception
-        ) as error:  # the worker's edge: the claim expires, and the delivery is sent again
+        # the worker's edge: the claim expires, and the delivery is sent again
+        except Exception as error:
             log.warning(
                 "webhook_delivery_failed", delivery_id=str(claimed.delivery_id), exc_info=error
             )

@@ -116,9 +116,8 @@ def lock_delivery(
     if webhook_id is None:
         return None
     hook_query = sa.select(Webhook).where(Webhook.id == webhook_id)
-    hook = session.scalars(
-        hook_query.with_for_update(key_share=True)
-    ).one()  # does not block new deliveries
+    # does not block new deliveries
+    hook = session.scalars(hook_query.with_for_update(key_share=True)).one()
     query = sa.select(WebhookDelivery).where(WebhookDelivery.id == delivery_id).with_for_update()
     delivery = session.scalars(query).one_or_none()
     return (delivery, hook) if delivery is not None else None

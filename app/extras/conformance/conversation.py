@@ -70,9 +70,8 @@ class Exchange:
     def content(self) -> tuple[str, str] | None:
         """The meal and the part of it that is sent: `metadata`, or a photograph's slot."""
         image, meal = _IMAGE.match(self.path), self.meal
-        is_creation = self.method == "POST" and self.path.endswith(
-            "/upload"
-        )  # of an upload in pieces
+        # of an upload in pieces
+        is_creation = self.method == "POST" and self.path.endswith("/upload")
         if meal is None or is_creation or self.method not in {"PUT", "POST", "PATCH"}:
             return None
         if image is not None:

@@ -36,9 +36,8 @@ INJECTIONS: Mapping[Fault, str] = {
     "unavailable": "status=503 retry_after=3",
     "rate_limited": "status=429 retry_after=2",
 }
-OF_METADATA: frozenset[Fault] = frozenset(
-    {"lost_answer", "rate_limited"}
-)  # the others are of photographs
+# the others are of photographs
+OF_METADATA: frozenset[Fault] = frozenset({"lost_answer", "rate_limited"})
 MOST_EXCHANGES = 5_000  # of a phone: the oldest go
 JSON_TYPES = ("application/json", "application/problem+json")
 EXIF = b"Exif\0\0"

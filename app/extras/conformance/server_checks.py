@@ -19,12 +19,8 @@ FINAL = frozenset({"estimated", "needs_review", "failed", "confirmed"})
 PROBLEM_JSON = "application/problem+json"
 ESTIMATE_SECONDS = 300.0
 WAIT_SECONDS = 25  # of one request for the estimate
-MALFORMED = (
-    AttributeError,
-    LookupError,
-    TypeError,
-    ValueError,
-)  # what reading an answer of another form raises
+# what reading an answer of another form raises
+MALFORMED = (AttributeError, LookupError, TypeError, ValueError)
 SETTLE_SECONDS = 1.0  # a server may notice later that a connection has ended
 
 

@@ -44,9 +44,8 @@ async def require_json(request: Request) -> None:
         ranges = [part.strip() for part in request.headers.get("accept", "*/*").split(",")]
         is_accepted = any(_is_accepted(part) for part in ranges if part) or not any(ranges)
     else:
-        is_accepted = _is_accepted(
-            format_parameter.replace(" ", "+")
-        )  # a plus sign that was not written as %2B
+        # a plus sign that was not written as %2B
+        is_accepted = _is_accepted(format_parameter.replace(" ", "+"))
     if not is_accepted:
         raise NotAcceptableError(f"Resources are available as {FHIR_JSON} of FHIR 5.0 only.")
 

@@ -78,9 +78,8 @@ def person_of_token(names: Names, token: str) -> PersonName | None:
     if CODE.fullmatch(code) is None:
         return None
     if not system:
-        return (
-            None if bar else PersonName(None, code)
-        )  # "|code" is an identifier without a system: there is none
+        # "|code" is an identifier without a system: there is none
+        return None if bar else PersonName(None, code)
     head, _, tail = names.participants("|").partition("|")
     study = (
         system[len(head) : -len(tail)]

@@ -163,9 +163,8 @@ class Intakes:
             codings: list[JsonValue] = []
             if tagname is not None:
                 codings.append({"system": self._names.system("infoods-tagnames"), "code": tagname})
-            if (
-                number.isdecimal()
-            ):  # USDA's; a component without such a number is identified by its tagname
+            # USDA's; a component without such a number is identified by its tagname
+            if number.isdecimal():
                 codings.append({"system": self._names.system("usda-nutrients"), "code": number})
             concept: Resource = {"coding": codings} if codings else {}
             self._nutrients[number] = {"concept": concept | {"text": name}}

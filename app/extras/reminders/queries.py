@@ -109,9 +109,8 @@ def lock_device(session: Session, device_id: uuid.UUID) -> None:
 
 def remove_same_browser(session: Session, device_id: uuid.UUID, endpoint: str, auth: str) -> None:
     """Remove other devices' subscriptions of a browser: the former person's, whose sign-out may not have arrived."""
-    of_browser = sa.and_(
-        PushSubscription.endpoint == endpoint, PushSubscription.auth == auth
-    )  # its secrets
+    # its secrets
+    of_browser = sa.and_(PushSubscription.endpoint == endpoint, PushSubscription.auth == auth)
     session.execute(
         sa.delete(PushSubscription).where(of_browser, PushSubscription.device_id != device_id)
     )

@@ -250,9 +250,7 @@ def zone_of(row: PushSubscription) -> ZoneInfo | None:
     """Return the phone's time zone; None if this machine does not know it."""
     try:
         return ZoneInfo(row.time_zone)
-    except (
-        KeyError,
-        ValueError,
-    ):  # known when the phone subscribed; this machine has other time zone data
+    # known when the phone subscribed; this machine has other time zone data
+    except (KeyError, ValueError):
         log.warning("time_zone_unknown", time_zone=row.time_zone)
         return None

@@ -14,9 +14,8 @@ from app.people.models import PushSubscription, Study
 from app.people.participants import require_in_study
 
 DAYS_AHEAD = 3  # a time that a change of the clocks skips comes the next day at the latest
-NEVER = datetime(
-    9000, 1, 1, tzinfo=UTC
-)  # scheduled, but all of the study's times are in the phone's quiet hours
+# scheduled, but all of the study's times are in the phone's quiet hours
+NEVER = datetime(9000, 1, 1, tzinfo=UTC)
 
 
 @dataclass(frozen=True, slots=True)

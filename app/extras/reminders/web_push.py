@@ -38,9 +38,8 @@ class VapidKey:
     """The server's key, by which a push service knows it again. Derived from the secret key: it is stored nowhere."""
 
     def __init__(self, box: SecretBox) -> None:
-        drawn = int(
-            box.digest("vapid", "high") + box.digest("vapid", "low"), 16
-        )  # 512 bits, so no value is likelier
+        # 512 bits, so no value is likelier
+        drawn = int(box.digest("vapid", "high") + box.digest("vapid", "low"), 16)
         self._key = ec.derive_private_key(drawn % (ORDER - 1) + 1, CURVE)
 
     @property

@@ -207,9 +207,8 @@ class EstimatePair:
         save_estimate(session, job_id, result.answer, result.key)
         if result.answer.failure is not None:
             bind_log_context(outcome=result.answer.failure.code)
-        log.info(
-            "estimate_saved", result_key=result.key
-        )  # it begins with the study's and the meal's id
+        # it begins with the study's and the meal's id
+        log.info("estimate_saved", result_key=result.key)
 
     def abandon(self, job_id: uuid.UUID) -> None:
         """End the child that works on the job."""

@@ -166,9 +166,8 @@ class JobRunner:
                 return Computed(None, error.failure)
             except BrokenOff as error:
                 self._raise_if_leaving()  # this worker killed it, because it stops
-                if (
-                    is_background or broken_off >= TRIES_ALONE
-                ):  # tried alone, it would make meals wait
+                # tried alone, it would make meals wait
+                if is_background or broken_off >= TRIES_ALONE:
                     return Computed(None, _after_tries(error.failure, 1 + broken_off))
                 self._estimate.await_room(job_id)
                 self._leaving.wait(self._times.wait_for_room * 4**broken_off)

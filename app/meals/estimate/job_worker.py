@@ -120,9 +120,8 @@ class JobWorker:
             with self._database.write() as session:
                 idle = jobs.claimed_jobs(session, self.executor_id) - self._runner.running
                 jobs.release_claims(session, self.executor_id, idle, is_takeover=False)
-        except (
-            Exception
-        ) as error:  # the worker's edge: others take the jobs over once the lease is gone
+        # the worker's edge: others take the jobs over once the lease is gone
+        except Exception as error:
             log.warning("hand_back_failed", exc_info=error)
 
     def _start_thread(self, work: Callable[[], None], name: str) -> None:

@@ -45,9 +45,8 @@ from app.records.match_items import MatchedItems, match_rerun
 from app.records.project_records import project_meal
 from app.records.review.remeasure import measure_of, save_measures
 
-ITEM_NAMESPACE = uuid.UUID(
-    "3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e"
-)  # drawn once; item ids are derived under it
+# drawn once; item ids are derived under it
+ITEM_NAMESPACE = uuid.UUID("3f2ad0a5-93ce-4f0f-8f39-4f1f1d1b7f6e")
 
 Numbered = Sequence[tuple[int, ItemAnswer]]  # items of an answer with their positions in it
 

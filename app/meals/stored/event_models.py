@@ -28,9 +28,8 @@ from app.db.columns import (
     Version,
 )
 
-Layer = Literal[
-    "automatic", "participant", "reviewer"
-]  # in the order of their precedence, the lowest first
+# in the order of their precedence, the lowest first
+Layer = Literal["automatic", "participant", "reviewer"]
 LAYERS: tuple[Layer, ...] = get_args(Layer)
 EventKind = Literal[
     "confirm", "reject", "set_food", "set_volume", "set_mass", "set_share", "set_leftover", "add", "declare", "split",

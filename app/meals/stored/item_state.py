@@ -393,9 +393,8 @@ class _History:
             else None
         )
         if made_by is not None and isinstance(made_by.value, Add | Declare) and first is not None:
-            shares.append(
-                (made_by.precedence, first)
-            )  # a split or a merge only passes the share on
+            # a split or a merge only passes the share on
+            shares.append((made_by.precedence, first))
         if shares:
             return max(shares)[1]
         if (
@@ -420,10 +419,8 @@ class _Measured:
     measured_ml: float | None
 
 
-PIPELINE_MEASUREMENT = (
-    -1,
-    0,
-)  # precedence of what the pipeline measured by itself: below every statement
+# precedence of what the pipeline measured by itself: below every statement
+PIPELINE_MEASUREMENT = (-1, 0)
 
 
 def _measured(

@@ -163,9 +163,8 @@ def _counting(runs: Sequence[Run]) -> Sequence[Run]:
 
 def _add_job_states(session: Session, parts: Mapping[uuid.UUID, MealParts]) -> None:
     has_failed = sa.and_(Job.purpose == "remeasure", Job.state == "failed")
-    has_no_run = ~sa.exists().where(
-        Run.id == Job.id
-    )  # in the transaction that saves its run it is not yet done
+    # in the transaction that saves its run it is not yet done
+    has_no_run = ~sa.exists().where(Run.id == Job.id)
     is_to_come = sa.and_(Job.purpose == "meal", Job.state.in_(LIVE_STATES), has_no_run)
     for job in session.scalars(
         sa.select(Job).where(Job.meal_id.in_(list(parts)), sa.or_(has_failed, is_to_come))

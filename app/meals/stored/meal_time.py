@@ -17,19 +17,16 @@ from app.core.errors import ClockDiffersError, InvalidInputError
 log = structlog.get_logger()
 
 EARLIEST = datetime(2000, 1, 1, tzinfo=UTC)  # before phones with cameras; a reset clock says 1970
-LATEST = datetime(
-    2100, 1, 1, tzinfo=UTC
-)  # milliseconds read as seconds lie beyond it; merely wrong clocks do not
-CLOCK_AHEAD = timedelta(
-    hours=24
-)  # a meal is accepted from a phone whose clock is ahead by that much
+# milliseconds read as seconds lie beyond it; merely wrong clocks do not
+LATEST = datetime(2100, 1, 1, tzinfo=UTC)
+# a meal is accepted from a phone whose clock is ahead by that much
+CLOCK_AHEAD = timedelta(hours=24)
 CLOCK_RETRY_SECONDS = 600
 EASTERNMOST = timedelta(hours=14)  # ahead of UTC: where a day begins first (Kiribati)
 NOON = time(12)
 CLOCK_DOUBTFUL = "clock_doubtful"
-LONGEST_OFFLINE = timedelta(
-    days=60
-)  # phones may be offline for a summer; a wrong clock is off by years
+# phones may be offline for a summer; a wrong clock is off by years
+LONGEST_OFFLINE = timedelta(days=60)
 MOST_AHEAD = timedelta(minutes=15)  # of the server's clock when the meal arrived
 
 

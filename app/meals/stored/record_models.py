@@ -42,15 +42,13 @@ RECORD_STATUSES: tuple[RecordStatus, ...] = get_args(RecordStatus)
 ItemOrigin = Literal["pipeline", "after", "declared", "added", "split", "merged"]
 ITEM_ORIGINS: tuple[ItemOrigin, ...] = get_args(ItemOrigin)
 LeftoverClass = Literal["food_left", "refuse", "unmatched"]
-CandidateSource = Literal[
-    "hint", "index", "model"
-]  # the phone's hint, the food index, an operator's network
+# the phone's hint, the food index, an operator's network
+CandidateSource = Literal["hint", "index", "model"]
 LEFTOVER_CLASSES: tuple[LeftoverClass, ...] = get_args(LeftoverClass)
 
 
-HintedLeftover = TypedDict(
-    "HintedLeftover", {"item": str, "class": str}, total=False
-)  # `class` is a keyword
+# `class` is a keyword
+HintedLeftover = TypedDict("HintedLeftover", {"item": str, "class": str}, total=False)
 
 
 class TraitDetails(TypedDict, total=False):
@@ -124,14 +122,12 @@ class Run(Base):
     marker: Mapped[Str64 | None]  # NULL: a rig, poses or a depth map
     camera: Mapped[Json | None] = mapped_column(JsonValue)
     parameters: Mapped[Json] = mapped_column(JsonValue)
-    colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(
-        JsonValue
-    )  # by side, "left" and "right"
+    # by side, "left" and "right"
+    colour: Mapped[dict[str, ColourDetails] | None] = mapped_column(JsonValue)
     stages: Mapped[dict[str, float]]  # seconds
     seconds: Mapped[float]
-    food_releases: Mapped[
-        list[str]
-    ]  # the tables in force, "name version", in the order of their precedence
+    # the tables in force, "name version", in the order of their precedence
+    food_releases: Mapped[list[str]]
     failure_code: Mapped[Str64 | None]
     failure_message: Mapped[LongStr | None]
     # the complete answer, in the blob store
@@ -358,9 +354,8 @@ class EffectiveRecord(HeadlineAmounts, Base):
     status: Mapped[RecordStatus] = mapped_column(sa.String(16))
     origin: Mapped[ItemOrigin] = mapped_column(sa.String(16), default="pipeline")
     provisional: Mapped[bool] = mapped_column(default=False)
-    reviewed: Mapped[bool] = mapped_column(
-        default=False
-    )  # a reviewer decided last, and the amount is known
+    # a reviewer decided last, and the amount is known
+    reviewed: Mapped[bool] = mapped_column(default=False)
     food_id: Mapped[FoodRef | None]
     volume_ml: Mapped[float | None]
     volume_low_ml: Mapped[float | None]

@@ -34,9 +34,8 @@ from app.records.read_meal import MealView, lock_meal_of, read_meal
 
 log = structlog.get_logger()
 
-PHONE_PURPOSES = frozenset(
-    {"meal", "after"}
-)  # a phone cannot cancel the measuring of redrawn regions
+# a phone cannot cancel the measuring of redrawn regions
+PHONE_PURPOSES = frozenset({"meal", "after"})
 
 
 def cancel_meal(

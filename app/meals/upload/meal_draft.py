@@ -121,9 +121,8 @@ def draft_declared(declared: DeclaredMealIn) -> MealDraft:
     details = {"marker": None, "camera": None, "hints": []} | _details(declared, time, {})
     details["declared"] = details.pop("items")
     for item in details["declared"]:
-        if not item[
-            "copied"
-        ]:  # as rows of earlier versions are, with which a repetition is compared
+        # as rows of earlier versions are, with which a repetition is compared
+        if not item["copied"]:
             del item["copied"]
     return MealDraft(declared.id, time, cast(MealDetails, details), "declared")
 

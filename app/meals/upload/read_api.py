@@ -82,9 +82,8 @@ class MealWaiter:
         while self._waiting:
             try:
                 versions = await anyio.to_thread.run_sync(self._versions, list(self._waiting))
-            except (
-                sqlalchemy.exc.SQLAlchemyError
-            ):  # without a database, requests wait until their time is over
+            # without a database, requests wait until their time is over
+            except sqlalchemy.exc.SQLAlchemyError:
                 log.warning("wait_poll_failed", exc_info=True)
             else:
                 self._wake(versions)

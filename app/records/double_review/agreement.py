@@ -13,9 +13,8 @@ from dataclasses import dataclass
 NORMAL = 1.959963984540054  # two-sided 95 %
 LIMIT_SDS = 1.96
 LEAST = 3  # pairs
-TERMS = (
-    400  # of a continued fraction that converges within the square root of the degrees of freedom
-)
+# of a continued fraction that converges within the square root of the degrees of freedom
+TERMS = 400
 MOST_R = 1 - 2**-53  # z of 1 is infinite
 HALVINGS = 60  # more than a double has bits
 

@@ -65,9 +65,8 @@ from app.records.review.schemas import (
 
 MAX_EVENTS = 1000  # of a meal; each event reads them all
 MAX_ITEMS = 200  # of a meal, including those that were split, merged and undone
-BEFORE_ESTIMATE = frozenset(
-    {"nothing_left", "undo", "comment", "question", "answer"}
-)  # need no estimated meal
+# need no estimated meal
+BEFORE_ESTIMATE = frozenset({"nothing_left", "undo", "comment", "question", "answer"})
 ONLY_LAYER = {
     "question": "reviewer",
     "reshape": "reviewer",

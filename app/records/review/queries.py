@@ -124,10 +124,8 @@ def count_queue(session: Session, chosen: QueueFilter, most: int) -> int:
 def count_meals_to_look_at(session: Session, study_id: uuid.UUID) -> int:
     """How many meals of the study have an item that needs a look, counted up to MOST_MEALS."""
     record = EffectiveRecord
-    in_order = (
-        record.captured_at,
-        record.meal_id,
-    )  # as an index has them, so that no more of it is read
+    # as an index has them, so that no more of it is read
+    in_order = (record.captured_at, record.meal_id)
     meals = sa.select(*in_order).where(record.study_id == study_id, *needs_look(record)).distinct()
     counted = meals.order_by(*in_order).limit(MOST_MEALS).subquery()
     return session.scalar(sa.select(sa.func.count()).select_from(counted)) or 0
@@ -171,9 +169,8 @@ def queue_keys(
     parts = [
         sa.select(record.doubt, record.item_id).where(*conditions, *branch) for branch in branches
     ]
-    if (
-        chosen.participant_code is not None
-    ):  # all that there is of a person, and sorted then: not the study's in order
+    # all that there is of a person, and sorted then: not the study's in order
+    if chosen.participant_code is not None:
         parts = [sa.select(part.cte("of_person").prefix_with("MATERIALIZED")) for part in parts]
     elif session.get_bind().dialect.name != "sqlite":  # as in record_pages.RecordSearch
         order = (record.doubt.desc(), record.item_id.desc())
@@ -208,9 +205,8 @@ def _branches(session: Session, chosen: QueueFilter) -> list[tuple[sa.ColumnElem
         people = participants_of(session, chosen.participant_code, None, [chosen.study_id]) or ()
         return [(record.participant_id == person, *rest) for person in people]
     if food_ids_named is not None and len(food_ids_named) * len(statuses) > MOST_BRANCHES:
-        rest.append(
-            record.food_id.in_(food_ids_named)
-        )  # the study's in their order, and those of other foods passed by
+        # the study's in their order, and those of other foods passed by
+        rest.append(record.food_id.in_(food_ids_named))
     elif food_ids_named is not None:
         return [
             (record.food_id == food, record.status == status, *rest)

@@ -91,9 +91,8 @@ def _portion(session: Session, food: Food | None, measure: str) -> tuple[float, 
     )
 
 
-ITEMS_OF_EVENT = uuid.UUID(
-    "b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5"
-)  # random namespace of the ids of created items
+# random namespace of the ids of created items
+ITEMS_OF_EVENT = uuid.UUID("b1c4b7a3-8a0f-4f27-8d9d-2d9a4b2f60c5")
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,9 +39,8 @@ from app.records.review.schemas import (
 from app.vision.hand_form import hand_form_ml
 
 SCENE = "scene.json"  # written by vision/scene_file.py, which an API process does not import
-ABOUT_THE_FOOD = frozenset(
-    {"drained"}
-)  # probes whose answer says what the food is, not what came with it
+# probes whose answer says what the food is, not what came with it
+ABOUT_THE_FOOD = frozenset({"drained"})
 
 
 def confirm(context: ReviewContext, event: ConfirmIn) -> Change:

@@ -22,9 +22,8 @@ from app.vision.model import (
     View,
 )
 
-DIAGONAL_35MM = math.hypot(
-    36.0, 24.0
-)  # CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
+# CIPA DCG-001: the 35 mm equivalent focal length goes by the diagonal
+DIAGONAL_35MM = math.hypot(36.0, 24.0)
 DEFAULT_FOCAL_35MM = 28.0  # the main camera of most phones, where EXIF tells nothing
 # below, 0.3 px of disparity noise passes 10 mm of depth at 400 mm (CONVENTIONS.md, "Baseline")
 MIN_VIEW_ANGLE_DEG = 1.5
@@ -180,7 +179,6 @@ def _is_same_photograph(
     if len(common.first_px) and np.abs(common.first_px - common.second_px).max() < SAME_CORNERS_PX:
         return True
     first, second = photos[0].pixels_bgr, photos[1].pixels_bgr
-    some = slice(
-        None, None, SAMPLE_ROWS
-    )  # two photographs differ there already: all pixels are compared of copies alone
+    # two photographs differ there already: all pixels are compared of copies alone
+    some = slice(None, None, SAMPLE_ROWS)
     return np.array_equal(first[some], second[some]) and np.array_equal(first, second)

@@ -40,9 +40,8 @@ def ciede2000(first_lab: Float64Array, second_lab: Float64Array) -> Float64Array
     hue_term = hue_difference / (1.0 + 0.015 * chroma * tint)  # eq. 20
     turn = 30.0 * np.exp(-(((hue - 275.0) / 25.0) ** 2))  # eq. 16
     rotation = -2.0 * _high_chroma(chroma) * np.sin(np.radians(2 * turn))  # eq. 17, 21
-    squared = (
-        lightness_term**2 + chroma_term**2 + hue_term**2 + rotation * chroma_term * hue_term
-    )  # eq. 22
+    # eq. 22
+    squared = lightness_term**2 + chroma_term**2 + hue_term**2 + rotation * chroma_term * hue_term
     return np.asarray(np.sqrt(np.maximum(squared, 0.0)), np.float64)
 
 

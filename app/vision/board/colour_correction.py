@@ -65,9 +65,8 @@ def apply_colour(pixels_bgr: ImageArray, correction: ColourCorrection) -> ImageA
     """(H, W, 3) corrected, a new array. What was clipped as white stays neutral."""
     if correction.kind == "none":
         return pixels_bgr.copy()
-    neutral = np.asarray(
-        np.linalg.solve(correction.matrix, np.ones(3)), np.float64
-    )  # the light that becomes (1, 1, 1)
+    # the light that becomes (1, 1, 1)
+    neutral = np.asarray(np.linalg.solve(correction.matrix, np.ones(3)), np.float64)
     balanced = _balanced_levels(1.0 / neutral)
     if correction.kind == "white":
         levels = np.rint(255.0 * encode_srgb(balanced)).astype(np.uint8)

@@ -23,18 +23,15 @@ from app.vision.model import Float64Array, MaskArray
 PAPER_WHITE = 0.84  # of a perfect white's light: L* 93.5, between uncoated (92) and coated (95) paper of ISO 12647-2
 RIDGE = 0.05  # on the off-diagonal, in the fit's units (lightness): a tenth of what one square's colour weighs
 DARK_FLOOR = 0.05  # linear; below it a colour's error counts no more, since noise, glare and the tone curve rule there
-LIGHTNESS_SLOPE = (
-    116.0 / 3.0
-)  # dL*/dY at Y = 1 (CIE 15:2004, 8.2.1): makes weighted residuals about lightness units
+# dL*/dY at Y = 1 (CIE 15:2004, 8.2.1): makes weighted residuals about lightness units
+LIGHTNESS_SLOPE = 116.0 / 3.0
 # lightness units a channel; a print's own faults stay below, glare and dirt do not
 MAX_RESIDUAL = 12.0
 MIN_SQUARES = 6
 MIN_FOR_WHITE = 4  # squares whose channel tells its gain
 MAX_MEAN_DELTA_E = 8.0  # above, what was printed is not the board's colours
-WHITE_RANGE = (
-    0.65,
-    1.1,
-)  # of the paper among the colours; the print's own is 1, the board as published has 0.84
+# of the paper among the colours; the print's own is 1, the board as published has 0.84
+WHITE_RANGE = (0.65, 1.1)
 MAX_MIXING = 0.6  # of one channel into another; between phones' sensors it is some tenths
 MAX_CONDITION = 8.0  # of the matrix without white balance; phones' have 2 to 4, above noise grows and colours merge
 

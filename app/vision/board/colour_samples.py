@@ -138,9 +138,8 @@ def find_white(samples: BoardSamples) -> WhiteLevel | None:
         linear=white,
         is_overexposed=is_overexposed,
         is_lit=is_lit,
-        is_partly_dark=bool(
-            is_dark[1:-1, 1:-1].any() and np.count_nonzero(is_dark) > 1
-        ),  # food may cover the margin
+        # food may cover the margin
+        is_partly_dark=bool(is_dark[1:-1, 1:-1].any() and np.count_nonzero(is_dark) > 1),
     )
 
 

@@ -18,10 +18,8 @@ MIN_SQUARE_STEP = 8.0  # grey levels between the means of neighbouring squares; 
 # of a square's shorter side on either side of a corner: no other corner comes near
 REFINEMENT_WINDOW_SQUARES = 0.3
 REFINEMENT_WINDOW_PX = (3, 14)
-REFINEMENT_BANDS = (
-    0.5,
-    0.2,
-)  # of the window: half width about an edge line, from the first step to the last
+# of the window: half width about an edge line, from the first step to the last
+REFINEMENT_BANDS = (0.5, 0.2)
 REFINEMENT_STEPS = 10
 MAX_STRAY_SQUARES = 0.08  # of a square, from where the other corners expect one
 MIN_CORNERS_FOR_CUBIC = 5  # a side

@@ -60,9 +60,8 @@ def find_marker(
         if shape != set(corners):
             if has_white_margin(contrast, grid):
                 refusal = _other_size(spec, grid, where)
-                if (
-                    shape in whole_boards
-                ):  # read in the same way twice: no other effort would tell another size
+                # read in the same way twice: no other effort would tell another size
+                if shape in whole_boards:
                     break
                 whole_boards.append(shape)
             continue

@@ -12,9 +12,8 @@ from app.vision.board.tag_edges import edge_profiles, edge_width_px
 from app.vision.model import Float64Array, ImageArray
 
 DARK_LEVEL = 40.0  # of 255: paper that white is underexposed by four stops
-MAX_EDGE_WIDTH = (
-    1 / 250
-)  # of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
+# of the long side: 16 px in a 12 MP photograph, where a sharp phone gives 2 to 4
+MAX_EDGE_WIDTH = 1 / 250
 # of a square: beyond, the blurs of neighbouring edges mix and corners move
 MAX_EDGE_WIDTH_SQUARES = 0.4
 # every lens and demosaicing make edges of 3 to 5 px, in small photographs too

@@ -176,10 +176,8 @@ def _fit_rig(
             np.array(left.distortion),
             right.matrix,
             np.array(right.distortion),
-            (
-                left.width,
-                left.height,
-            ),  # only where OpenCV makes its own first guess, which it does not here
+            # only where OpenCV makes its own first guess, which it does not here
+            (left.width, left.height),
             np.eye(3),
             np.zeros(3),
             flags=cv2.CALIB_USE_INTRINSIC_GUESS,

@@ -13,9 +13,8 @@ from app.vision.geometry.projective import map_points
 from app.vision.marker_spec import DICTIONARIES, TagBoard
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-IN_CELL = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), -1).reshape(
-    -1, 2
-)  # cells from a cell's middle
+# cells from a cell's middle
+IN_CELL = np.stack(np.meshgrid([-0.2, 0.0, 0.2], [-0.2, 0.0, 0.2]), -1).reshape(-1, 2)
 
 
 @functools.lru_cache(maxsize=4096)

@@ -45,10 +45,8 @@ MIN_ROWS_SPREAD = 0.25  # of a square: tags in one row spread by nothing, in two
 MIN_POINTS, MIN_SPREAD = 8, 0.4
 # of a tag's side, from where the others put it; lenses and curled paper move it by less
 MAX_STRAY_TAG = 0.2
-MAX_STRAYS = (
-    1,
-    0.1,
-)  # tags that are not where the announced board has them: so many, and as a share of those that are
+# tags that are not where the announced board has them: so many, and as a share of those that are
+MAX_STRAYS = (1, 0.1)
 MAX_INK_GAIN = 0.02  # of a tag's side, at either end: more, and the print has other proportions
 MIN_INK_GAIN_PX = 1.0  # as much as blur and a tone curve take off small tags
 LARGEST_OF_FAMILY = (  # the smaller dictionaries are their first tags

@@ -14,9 +14,8 @@ from app.vision.geometry.pictures import sampled
 from app.vision.geometry.projective import map_points
 from app.vision.model import Float64Array, ImageArray, MaskArray
 
-ALONG = np.linspace(
-    0.12, 0.88, 15
-)  # of a side, where it is crossed: blur reaches in from the other sides
+# of a side, where it is crossed: blur reaches in from the other sides
+ALONG = np.linspace(0.12, 0.88, 15)
 ACROSS_STEPS = 25  # of a profile across a side
 REACH_SHARE = 0.75  # of the narrower of border and gap: farther out are bits, or the next tag
 MIN_REACH_PX = 1.5
@@ -86,9 +85,7 @@ def edge_profiles(grey: ImageArray, corners_px: Float64Array, border_share: floa
     length = np.linalg.norm(ends - corners_px, axis=-1, keepdims=True)  # (n, 4, 1)
     reach = np.maximum(REACH_SHARE * border_share * length, MIN_REACH_PX)
     outwards = reach * np.linspace(-1.0, 1.0, ACROSS_STEPS)  # (n, 4, m)
-    on_side = (
-        corners_px[:, :, None] + (ends - corners_px)[:, :, None] * ALONG[:, None]
-    )  # (n, 4, k, 2)
+    on_side = corners_px[:, :, None] + (ends - corners_px)[:, :, None] * ALONG[:, None]
     across = _normals(corners_px)[:, :, None] * outwards[..., None]  # (n, 4, m, 2)
     places = on_side[:, :, :, None] + across[:, :, None]
     flat = sampled(grey.astype(np.float32), places.reshape(4 * len(places), -1, 2), beyond=None)

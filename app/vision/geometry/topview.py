@@ -27,14 +27,8 @@ TREND_LIMIT = 2.5  # units; the trend is not carried on beyond
 TREND_MM = (-0.3, 0.0, 0.0, 0.0, 0.0, 0.0)
 TREND_SD_MM = (0.7, 1.5, 1.5, 0.7, 0.7, 0.7)
 CELLS_PER_FACT = 150.0  # neighbouring cells err alike, so many count as one measurement
-INLIER_MM = (
-    6.0,
-    6.0,
-    5.0,
-    5.0,
-    4.0,
-    4.0,
-)  # narrowing: what lies farther from the trend is no table
+# narrowing: what lies farther from the trend is no table
+INLIER_MM = (6.0, 6.0, 5.0, 5.0, 4.0, 4.0)
 TABLE_RANGE_MM = 40.0
 MIN_TABLE_POINTS = 500
 MIN_POINTS_PER_TABLE_CELL = 4

@@ -25,9 +25,8 @@ def traits_of(
     if len(points) >= MIN_PIXELS:
         middle = np.median(points, axis=0)
         centre_mm = (float(middle[0]), float(middle[1]))
-        radius_mm = float(
-            np.sqrt(2.0 * np.median(np.sum((points - middle) ** 2, axis=1)))
-        )  # half a disc's area
+        # half a disc's area
+        radius_mm = float(np.sqrt(2.0 * np.median(np.sum((points - middle) ** 2, axis=1))))
     return ItemTraits(centre_mm, radius_mm, _lab(mask, pixels_bgr, colour))
 
 

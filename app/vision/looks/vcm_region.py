@@ -26,9 +26,8 @@ EDGE = 0.05  # of each side of a photograph that a food fills: what lies there m
 SEED = 1  # of the clusters that GrabCut begins with
 LEAST_CORNERS = 3
 LEAST_VIEW_PX = 1.0  # of a region, across and down, in the photograph: less is nothing to look at
-FARTHEST_PX = (
-    2.0**18
-)  # of a corner, at the region's size: rows beyond it are drawn one by one, for nothing
+# of a corner, at the region's size: rows beyond it are drawn one by one, for nothing
+FARTHEST_PX = 2.0**18
 SUBPIXEL_BITS = 4
 
 Box = tuple[float, float, float, float]  # x, y, width, height, px

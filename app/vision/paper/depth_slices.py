@@ -36,9 +36,8 @@ from app.vision.views.relative_pose import RefinedViews
 STRAY_SHARE = 0.001  # of a food's points at either end of its depth: half an ellipsoid loses 5 % of its depth by it
 MIN_BOUNDARY = 5  # points, of which an ellipse has as many unknowns
 HIDDEN_SHARE = 0.5  # of the volume: the mirror image
-TOWARDS_CAMERA = np.array(
-    [1.0, -1.0, -1.0]
-)  # half a turn about the baseline: z from the depth axis to the camera
+# half a turn about the baseline: z from the depth axis to the camera
+TOWARDS_CAMERA = np.array([1.0, -1.0, -1.0])
 
 
 def measure_as_printed(

@@ -51,9 +51,8 @@ DECODE_ERRORS = (
     struct.error,
     Image.DecompressionBombError,
 )
-TRANSPOSED: Mapping[
-    int, Callable[[cv2.typing.MatLike], cv2.typing.MatLike]
-] = {  # EXIF orientation -> what makes it upright
+# EXIF orientation -> what makes it upright
+TRANSPOSED: Mapping[int, Callable[[cv2.typing.MatLike], cv2.typing.MatLike]] = {
     2: lambda pixels: cv2.flip(pixels, 1),
     3: lambda pixels: cv2.rotate(pixels, cv2.ROTATE_180),
     4: lambda pixels: cv2.flip(pixels, 0),
@@ -105,9 +104,8 @@ def read_reduced_photo(
     be missing, so that none are looked for.
     """
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", module=r"PIL\."
-        )  # of damaged EXIF entries; the sound ones are read
+        # of damaged EXIF entries; the sound ones are read
+        warnings.filterwarnings("ignore", module=r"PIL\.")
         return _read(data, max_pixels, least_long_side_px, least_short_side_px, is_whole=is_whole)
 
 
@@ -151,9 +149,8 @@ def _read(
     if isinstance(pixels_bgr, Failure):
         return pixels_bgr
     exif = _exif(image)
-    if not isinstance(
-        image, HeifImageFile
-    ):  # libheif has turned its pixels already, and says so in the same tag
+    # libheif has turned its pixels already, and says so in the same tag
+    if not isinstance(image, HeifImageFile):
         turn = TRANSPOSED.get(_whole_number(exif.get(ExifTags.Base.Orientation)))
         pixels_bgr = (
             pixels_bgr if turn is None else np.ascontiguousarray(turn(pixels_bgr), np.uint8)

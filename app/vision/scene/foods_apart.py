@@ -51,15 +51,11 @@ STEP_WEIGHT = 1.0
 # of the disc around a corner of the outline, beyond the half that a smooth outline fills
 FULL_NOTCH = 0.25
 SHORT_CUT = 0.5  # of the narrower part's width: so short a cut has its notches at one place
-CONVEX = (
-    0.98,
-    0.95,
-)  # share of its convex hull that the outline of one solid fills, and that of two
+# share of its convex hull that the outline of one solid fills, and that of two
+CONVEX = (0.98, 0.95)
 WHOLE_WEIGHT = 0.2  # against a cut of an outline that is convex as a whole
-BITTEN = (
-    0.92,
-    0.86,
-)  # the same of a part: a solid's face, and a food that another one partly hides
+# the same of a part: a solid's face, and a food that another one partly hides
+BITTEN = (0.92, 0.86)
 CONVEX_SHARE = 0.94  # of its convex hull that the outline of one block fills
 CREASE_WEIGHT = 0.4
 THRESHOLD = 1.35  # of the judgement below; see its comment
@@ -251,9 +247,8 @@ class _Piece:
         if not border.any():
             return 0.0
         widths = [2 * float(inward_px(filled(part)).max()) for part in (first, second)]
-        length = (
-            1.1 * np.count_nonzero(border) / min(widths)
-        )  # a slanted line has fewer pixels than its length
+        # a slanted line has fewer pixels than its length
+        length = 1.1 * np.count_nonzero(border) / min(widths)
         near_mm = distance_px(border) * self._pixel_mm
         beside = (near_mm > BESIDE_MM[0]) & (near_mm < BESIDE_MM[1])
         if min(np.count_nonzero(first & beside), np.count_nonzero(second & beside)) < 10:
@@ -274,12 +269,10 @@ class _Piece:
         crease = CREASE_WEIGHT * float(
             np.clip(self._crease(first | second, border) - 0.7, -0.5, 0.8)
         )
-        look = min(
-            contrast / 3 + crease, 4 / 3
-        )  # however clear a border is, looks alone make no two foods
-        whole = WHOLE_WEIGHT * (
-            1.0 - _dented(first | second, CONVEX)
-        )  # a loaf's crust and crumb part as clearly
+        # however clear a border is, looks alone make no two foods
+        look = min(contrast / 3 + crease, 4 / 3)
+        # a loaf's crust and crumb part as clearly
+        whole = WHOLE_WEIGHT * (1.0 - _dented(first | second, CONVEX))
         score = (
             look
             + 6.0 * float(np.clip(notch, 0.0, FULL_NOTCH))

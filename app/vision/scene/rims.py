@@ -31,18 +31,10 @@ LEAST_STEP = 5.0  # grey levels over a cell, of an edge
 MIN_VOTES = 0.22  # of a circle's cells, in the search
 KEPT_CIRCLES = 60
 TRIED_AT_ONCE = 20  # starts refined together, before it is known which of them others leave out
-NEXT_TO_CIRCLE_MM = (
-    8.0,
-    8.0,
-    6.0,
-    8.0,
-)  # x, y, radius, height: starts that near to one that led to a circle are left
-NEXT_TO_NONE_MM = (
-    5.0,
-    5.0,
-    2.0,
-    5.0,
-)  # to one that led to none; less than a step of height, for its neighbour may
+# x, y, radius, height: starts that near to one that led to a circle are left
+NEXT_TO_CIRCLE_MM = (8.0, 8.0, 6.0, 8.0)
+# to one that led to none; less than a step of height, for its neighbour may
+NEXT_TO_NONE_MM = (5.0, 5.0, 2.0, 5.0)
 SAMPLES = 120  # directions of a circle
 SEARCH_PX = 5  # across the circle, at most, for its edge
 ROUNDS = 6

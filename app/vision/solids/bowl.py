@@ -66,9 +66,8 @@ def measure_content(
 
     def volume_ml(level: float, floor: float, inset: float, wall: _Wall) -> float:
         depth = max(level - floor, STEP_MM)
-        step = depth / np.ceil(
-            depth / STEP_MM
-        )  # whole steps to the level: a last one beyond it would be content too
+        # whole steps to the level: a last one beyond it would be content too
+        step = depth / np.ceil(depth / STEP_MM)
         heights = floor + np.arange(step / 2, depth, step)
         radii = np.maximum(wall.radius_mm(heights) - inset, 0.0)
         top = np.pi * max(float(wall.radius_mm(level)) - inset, 0.0) ** 2

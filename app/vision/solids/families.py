@@ -117,9 +117,8 @@ def begin_families(extent: Extent, support_mm: float, support_sd_mm: float) -> l
     long, short = radius * np.sqrt(extent.aspect), radius / np.sqrt(extent.aspect)
     place = _placed(extent.middle_mm, support_mm)
     upright = _turned(extent.heading)
-    lying = upright @ np.array(
-        [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    )  # C along, A across, B up
+    # C along, A across, B up
+    lying = upright @ np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
     def form(
         name: str, free: tuple[int, ...], axes: Float64Array, **values: float

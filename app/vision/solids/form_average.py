@@ -88,9 +88,8 @@ def likely_fits(fits: Sequence[FormFit], hinted_families: Collection[str] = ()) 
 def _log_evidence(fits: Sequence[FormFit]) -> tuple[Float64Array, float]:
     """(n,) logarithm of each fit's evidence over the best one's, which is the first, and the best one's misfit."""
     costs = np.array([fit.evidence for fit in fits])
-    misfit = max(
-        1.0, costs[0] / max(fits[0].observations, 1.0)
-    )  # its own size tells what a difference is worth
+    # its own size tells what a difference is worth
+    misfit = max(1.0, costs[0] / max(fits[0].observations, 1.0))
     return -0.5 * (costs - costs[0]) / (TUNING.temper * misfit), misfit
 
 

@@ -36,9 +36,8 @@ WEIGHT_STEP, WEIGHT_STRIDE = 1e-3, 0.05
 X, Y, SUPPORT, SUNK, A, B, C, E1, E2, TURN_X, TURN_Y, TURN_Z, TAPER, BEND = range(14)
 STEP = np.full(14, 1e-3)  # of the finite differences
 STEP[[X, Y, SUPPORT, SUNK]] = 0.05
-STRIDE = np.array(
-    [3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2]
-)  # the most at one step
+# the most at one step
+STRIDE = np.array([3, 3, 1, 3, 0.15, 0.15, 0.15, 0.3, 0.3, 0.15, 0.15, 0.15, 0.1, 0.2])
 SPREAD = np.array(
     [np.inf, np.inf, 1, 20, np.inf, np.inf, np.inf, 0.35, 0.35, 0.5, 0.5, 0.5, 0.25, 0.5]
 )  # prior
@@ -49,10 +48,8 @@ SUPPORT_BOUND = 2.0  # sd, within which the support stays
 _PLACING = (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
 LEAST_CUT = 0.98  # of half the height: the cut stays between both ends
-LOG_EXPONENTS = (
-    np.log(0.1),
-    np.log(1.5),
-)  # a box with rounded edges to a form pointed like a lemon
+# a box with rounded edges to a form pointed like a lemon
+LOG_EXPONENTS = (np.log(0.1), np.log(1.5))
 
 
 @dataclass(frozen=True, slots=True)

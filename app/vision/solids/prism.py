@@ -33,9 +33,8 @@ SIDE_SD = {
     4: 0.015,
 }  # a side's bulge over its length; a round cheese's rind has a tenth on its short side
 DISPLACEMENT_SD = 0.03  # in mean half-axes, over the degree
-DISPLACEMENT_ORDERS = harmonic_orders(
-    2, 4
-)  # degree one moves and tilts; finer ones would round off the edges
+# degree one moves and tilts; finer ones would round off the edges
+DISPLACEMENT_ORDERS = harmonic_orders(2, 4)
 WALL_LOOPS = {COARSE: 2, FINE: 4}
 CORNER_SPREAD = 0.6  # of a step along a side
 TOP_SHARES = (0.8, 0.5, 0.2)  # of the loops within the top

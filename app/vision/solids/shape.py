@@ -471,9 +471,8 @@ def _of_bowl(
     if content is None and _is_beside(food.points, vessel):
         return None
     is_known = content is not None and content.sd_ml < TUNING.unknown_inside_sd * content.volume_ml
-    is_known &= (
-        len(vessel.wall_mm) > 0
-    )  # with no wall in view, what is like bowls alone would speak
+    # with no wall in view, what is like bowls alone would speak
+    is_known &= len(vessel.wall_mm) > 0
     flags = ("inside_guessed",) if is_known else ("not_measurable",)
     if content is None or not is_known:
         return None, food.support_mm, flags

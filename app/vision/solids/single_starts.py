@@ -39,9 +39,8 @@ HEIGHT_OF_WIDTH: Mapping[str, float] = {
     "lying": 1.0,
     "bent": 1.0,
 }
-HEAP_LOG_EXPONENT = float(
-    np.log(1.35)
-)  # its volume half of base times height: between a cone's third and a dome's two
+# its volume half of base times height: between a cone's third and a dome's two
+HEAP_LOG_EXPONENT = float(np.log(1.35))
 HEAP_SUNK_SD_MM = 2.0
 SLABS = (0.2, 0.5)  # other heights of a slab over its width that are tried
 ROUNDS = 30

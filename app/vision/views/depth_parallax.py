@@ -21,12 +21,8 @@ from app.vision.views.table_plane import lowest_plane, table_from_plane, table_n
 
 MATCH_AREA_PX = 100.0  # of its own grid, over which errors of a dense match are one
 SAMPLES = 4000
-CORNERS = (
-    (0, 0),
-    (0, 1),
-    (1, 0),
-    (1, 1),
-)  # of the grid around a point, so that a surface that widens has no gaps
+# of the grid around a point, so that a surface that widens has no gaps
+CORNERS = ((0, 0), (0, 1), (1, 0), (1, 1))
 # of table_plane's tolerance, px: the depth map's noise in its units of inverse depth
 PLANE_UNITS = 0.4
 # between the camera's axis and the plane's normal: flatter, and it is a wall
@@ -181,9 +177,8 @@ def place_by_depth(
     fitted = lowest_plane(pixels, inverse * unit, rng)
     if fitted is None:
         return table_not_found("no plane is shared by enough of the depth map")
-    a, b, c = (
-        fitted / unit
-    )  # 1 / Z = a x + b y + c at x = fx X / Z + cx: a fx X + b fy Y + (a cx + b cy + c) Z = 1
+    # 1 / Z = a x + b y + c at x = fx X / Z + cx: a fx X + b fy Y + (a cx + b cy + c) Z = 1
+    a, b, c = fitted / unit
     normal: Float64Array = np.array([a * depth.fx, b * depth.fy, a * depth.cx + b * depth.cy + c])
     length = float(np.linalg.norm(normal))
     plane = np.append(-normal / length, 1.0 / length)

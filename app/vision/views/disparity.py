@@ -15,10 +15,8 @@ import numpy as np
 from app.vision.geometry.pictures import grey_of
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
-RANGE_LEVEL, SEARCH_LEVEL = (
-    4,
-    2,
-)  # reductions: the whole range is searched on the first, what it found on the second
+# reductions: the whole range is searched on the first, what it found on the second
+RANGE_LEVEL, SEARCH_LEVEL = (4, 2)
 # on the range level: 30 px across at full size; what is smaller does not widen the search
 RANGE_SPECKLE_PX = 60
 RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
@@ -27,10 +25,8 @@ STANDING_MARGIN_PX = 24  # around what stands
 LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides a coarser one
 STEPS = 2  # of Gauss-Newton on each level; the search leaves half a pixel, the level before a tenth
 WINDOW_PX = 9  # on each level: 36, 18 and 9 px of the working image
-SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = (
-    100,
-    500,
-)  # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
+# Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
+SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = (100, 500)
 SEARCH_WINDOW_PX = 3
 MIN_CORRELATION = 0.6
 MIN_TEXTURE = 1.0  # grey levels, standard deviation in a window: below, it is the sensor's noise that is correlated
@@ -277,9 +273,8 @@ def _settle(
     height, width = first.shape
     parallax, sd = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     is_good = np.empty((height, width), np.bool_)
-    halo = (WINDOW_PX // 2) * (
-        STEPS + 1
-    )  # what a row's windows, and the windows that they rest on, reach
+    # what a row's windows, and the windows that they rest on, reach
+    halo = (WINDOW_PX // 2) * (STEPS + 1)
     for top in range(0, height, BAND_ROWS):
         low, high = max(0, top - halo), min(height, top + BAND_ROWS + halo)
         band = _settle_band(first[low:high], second[low:high], start[low:high], level, left_px)

@@ -31,10 +31,8 @@ MATCHING_SIDE_PX = 512
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
 UNPLACED_FINER = 2  # where no pose helps, and the pose has to come of it
-MIN_CONTRASTS = (
-    0.01,
-    0.003,
-)  # SIFT's default is 0.04: food and plates are pale and smooth; the second where that
+# SIFT's default is 0.04: food and plates are pale and smooth; the second where that
+MIN_CONTRASTS = (0.01, 0.003)
 FEW_FEATURES = 150  # finds fewer than these
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 # of the long side, from the epipolar line: what poses by the marker alone may be off by
@@ -182,9 +180,8 @@ def shows_sheet(
     plane_mm: (..., 3) where each line of sight meets the table, z = 0. centre_mm: (3,) the camera's. The way from
     z = thick_mm down to the table is a segment over the table; it crosses a rectangle of the print (slab method).
     """
-    rise = np.float32(
-        marker.spec.thick_mm / centre_mm[2]
-    )  # of the way from the table to the camera
+    # of the way from the table to the camera
+    rise = np.float32(marker.spec.thick_mm / centre_mm[2])
     is_shown = np.zeros(plane_mm.shape[:-1], np.bool_)
     for low_x, low_y, high_x, high_y in seen_print_mm(marker):
         enter, leave = (

@@ -61,9 +61,8 @@ def find_thickness(spec: MarkerSpec, points_print: Float32Array) -> float:
     support = np.array([np.count_nonzero(is_plane) for _, is_plane in planes])
     level = np.array([coefficients[0] for coefficients, _ in planes])
     lowest = level[support >= MIN_SUPPORT_SHARE * support.max()].min()
-    best = int(
-        np.argmax(np.where(level <= lowest + max(INLIER_MM), support, -1))
-    )  # its cells' own best plane
+    # its cells' own best plane
+    best = int(np.argmax(np.where(level <= lowest + max(INLIER_MM), support, -1)))
     coefficients, _ = planes[best]
     thick_mm = TREND_MM[0] - float(coefficients[0])
     if not MIN_THICK_MM < thick_mm <= MAX_FOUND_MM:

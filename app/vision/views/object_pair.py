@@ -33,9 +33,8 @@ ON_LINE_PX = 1.0  # from an epipolar line, where features are looked for
 CONFIDENCE = 0.9999
 MIN_INLIERS = 20
 MOST_COINS = 8  # in both photographs that may be it
-FLATTENED_SD = (
-    0.06  # log of the half-axes' ratio of a coin on a table that is tilted by some degrees
-)
+# log of the half-axes' ratio of a coin on a table that is tilted by some degrees
+FLATTENED_SD = 0.06
 LEAST_ROUND = -4.5  # of both: less round, and the table or the poses are wrong
 OFF_SD = 0.2  # of a coin's radius, between where two ellipses put its middle
 SIZE_RATIO_SD = 0.08  # between the distances that they tell

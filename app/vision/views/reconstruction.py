@@ -109,9 +109,8 @@ def back_project(
     u = (columns - pair.centre_px[0]) / pair.focal_px
     v = ((rows - pair.centre_px[1]) / pair.focal_px)[:, None]
     points = np.empty((*depth_mm.shape, 3), np.float32)
-    for axis in range(
-        3
-    ):  # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
+    # a ray's part along a table axis is linear in u and v; no (H, W, 3) of float64 is needed
+    for axis in range(3):
         along_x, along_y, along_z = pair.rotation[:, axis]
         ray = (along_x * u).astype(np.float32) + (along_y * v + along_z).astype(np.float32)
         np.add(ray * depth_mm, np.float32(pair.first_centre_mm[axis]), out=points[..., axis])

@@ -16,10 +16,8 @@ from app.vision.views.features import undistort_to_rays
 
 # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
 WORKING_SIDE_PX = 1280
-MIN_HEIGHT_MM, MAX_HEIGHT_MM = (
-    -15.0,
-    200.0,
-)  # over the marker's plane: what the disparity search covers
+# over the marker's plane: what the disparity search covers
+MIN_HEIGHT_MM, MAX_HEIGHT_MM = (-15.0, 200.0)
 MAP_STEP_PX = 8  # between computed points of the maps: the error of interpolation stays below a hundredth of a pixel
 ALIASING_FREE = 0.9  # of the reduction from photograph to grid: what is left, linear sampling bears
 INVERSE_DEPTH_BASELINE_MM = 10.0  # of a single view: its unit of inverse depth, f B px mm
@@ -126,9 +124,8 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     """
     baseline = second.centre_mm - first.centre_mm
     baseline_mm = float(np.linalg.norm(baseline))
-    rotation = rotation_along(
-        baseline, first.rotation[2] + second.rotation[2]
-    )  # near both optical axes
+    # near both optical axes
+    rotation = rotation_along(baseline, first.rotation[2] + second.rotation[2])
     # Along a ray (u, v, 1) the marker's plane lies at inverse depth plane . (u, v, 1): z = 0 in the table frame.
     plane = -rotation[:, 2] / first.centre_mm[2]
     low, high = _seen_bounds(first, second, rotation, plane, baseline_mm)
@@ -137,9 +134,8 @@ def rectify_by_poses(first: View, second: View) -> RectifiedPair:
     # Of a wide pair, one view may miss the table behind a food that both of them show.
     lift = _lift(first, second)
     low_tall, high_tall = _seen_bounds(first, second, rotation, plane, baseline_mm, lift)
-    before = (
-        np.ceil(np.maximum(low - low_tall, 0.0) * focal / MAP_STEP_PX) * MAP_STEP_PX
-    )  # the rest stays as it is
+    # the rest stays as it is
+    before = np.ceil(np.maximum(low - low_tall, 0.0) * focal / MAP_STEP_PX) * MAP_STEP_PX
     low, high = low - before / focal, np.maximum(high, high_tall)
     width, height = (int(np.ceil(side * focal)) for side in high - low)
     centre_x, centre_y = -low * focal

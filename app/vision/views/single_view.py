@@ -23,9 +23,8 @@ from app.vision.intrinsics import Camera
 from app.vision.model import EstimateOptions, Float64Array, MarkerObservation, Photo, View
 
 CORNERS_PER_FACT = 4.0  # neighbouring corners share what lens and paper do beyond their models
-STEP = np.array(
-    [1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-4]
-)  # of the differences: radians, mm, log of f
+# of the differences: radians, mm, log of f
+STEP = np.array([1e-5, 1e-5, 1e-5, 1e-2, 1e-2, 1e-2, 1e-4])
 CUBE_MM = 60.0
 LEAST_SD = 0.006  # as of a pair, and what the sheet's bend does to a single view's heights
 DEPTH_SCALE_SD = 0.04  # of a volume by a depth map's scale: phones' sensors are good to one or two per cent of depth

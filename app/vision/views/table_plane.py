@@ -143,9 +143,8 @@ def _coarse_match(
     pictures: tuple[ImageArray, ImageArray], cameras: tuple[Camera, Camera], pose: RigPose
 ) -> _Coarse:
     """Disparity of the pair at reduced size, x_first - x_second in px, rows along the baseline."""
-    baseline = (
-        -pose.rotation.T @ pose.translation_mm
-    )  # the second centre in the first camera's frame
+    # the second centre in the first camera's frame
+    baseline = -pose.rotation.T @ pose.translation_mm
     baseline_mm = float(np.linalg.norm(baseline))
     rotation = rotation_along(baseline, np.array([0.0, 0.0, 1.0]) + pose.rotation[2])
     low, high = _turned_bounds(cameras[0], rotation)

@@ -112,9 +112,8 @@ class ViewsTrace:
             out |= _of_view("first", self.refined.first) | _of_view("second", self.refined.second)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             if self.refined.first.marker is not None:
-                out["marker_thick_mm"] = (
-                    self.refined.first.marker.spec.thick_mm
-                )  # announced, or measured
+                # announced, or measured
+                out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm
             if self.focal is not None:
                 out["focal_log_sd"] = round(self.focal.log_sd, 3)
             if self.others:
