@@ -8,12 +8,10 @@ class FormTuning:
     """Tuning of form_fit.py and shape.py, in the order in which a fit meets it; px are those of the working grid."""
 
     outline_sd_px: float = 0.7  # sd of an outline
-    field_margin_px: int = (
-        32  # around an outline: beyond it the distance from the field's border is added
-    )
-    smooth_px: int = (
-        3  # side of the square over which the distance is averaged: an outline's points jitter
-    )
+    # around an outline: beyond it the distance from the field's border is added
+    field_margin_px: int = 32
+    # side of the square over which the distance is averaged: an outline's points jitter
+    smooth_px: int = 3
     smooth_weight_px: int = 9  # the same of the weights, which begin and end
     samples: tuple[float, ...] = (0.125, 0.375, 0.625, 0.875)  # along a segment of a form's outline
     outline_run_px: float = 10.0  # length along an outline over which its errors are one
@@ -42,9 +40,8 @@ class FormTuning:
     damping_rise: float = 8.0  # after a step that does not lower the cost
     damping_fall: float = 4.0  # after one that does
     widest: float = 8.0  # tolerance that a fit begins with at most; it is halved in each round
-    settled_coarse: float = (
-        1.0  # fall of the cost that ends a coarse fit, which only ranks families
-    )
+    # fall of the cost that ends a coarse fit, which only ranks families
+    settled_coarse: float = 1.0
     settled_fine: float = 0.05  # the same of a fine fit
     most_rounds: int = 40  # of any fit
     coverage_weight: float = 0.5  # of a point of the food's outline against one of the form's
@@ -135,9 +132,8 @@ class SideTuning:
     # of a pose: azimuth, elevation, roll, logarithm of the distance, place px; what is not known of them is wide
     pose_sd: tuple[float, ...] = (1.5, 0.05, 0.05, 1.0, 100.0, 100.0)
     pose_stride: tuple[float, ...] = (0.15, 0.08, 0.05, 0.15, 5.0, 5.0)  # the most at one step
-    azimuths: int = (
-        12  # tried, over half a turn: a silhouette from behind is nearly the mirror image
-    )
+    # tried, over half a turn: a silhouette from behind is nearly the mirror image
+    azimuths: int = 12
     raising_rounds: int = 3  # in which a form is made as high as its mask
     height_sd: float = 0.7  # of a height, logarithm, before it is seen
 
@@ -176,9 +172,8 @@ FLOW_TUNING = FlowTuning()
 class ColourTuning:
     """Tuning of what colours show (segmentation.py, by_colour.py, min_cut.py); px of the scene's grid."""
 
-    course_points: int = (
-        4000  # at least, by which a course of light is fitted, if there are so many
-    )
+    # at least, by which a course of light is fitted, if there are so many
+    course_points: int = 4000
     settled: float = 0.005  # share of a cut's pixels that change, below which it is the last one
     unmeasured_px: int = 9  # wide: what a food hides from the second view is narrower
     around_px: int = 21  # side of the square in which the edge of what stands is measured as high
@@ -192,3 +187,35 @@ class ColourTuning:
 
 
 COLOUR_TUNING = ColourTuning()
+
+
+@dataclass(frozen=True, slots=True)
+class FloorTuning:
+    """Tuning of plane_sweep.py and floors.py, in the order in which it is met; px of the scene's grid.
+
+    Where no other source is given: chosen on three boards and five plates of rendered scenes.
+    """
+
+    # standard deviations: finer is noise, coarser are light and what a glaze mirrors
+    detail_px: tuple[float, float] = (0.7, 4.0)
+    # of a pixel's surroundings within the area: beside its border a shadow's slope passes for grain
+    inner_share: float = 0.85
+    grain_sds: float = 2.0  # of the detail, beyond which it is an edge of food or of a pattern
+    px_per_fact: float = 12.0  # neighbours share their noise: 4 pi of the finer detail, twice
+    most_facts: float = 400.0  # what is no plane correlates by a tenth, however many pixels show it
+    least_px: int = 50  # of an area that shows a plane
+    # inward from the outline, where food seldom lies and a plate is no longer its rim
+    ring_mm: tuple[float, float] = (15.0, 55.0)
+    standing_mm: float = 5.0  # over the rim: food
+    clear_px: int = 21  # side of the square around food that its heights spread over
+    # height of a board's top over its rim as heights show it, whose windows see the table as well, and its sd
+    board_over_rim_mm: tuple[float, float] = (1.5, 2.0)
+    # a plate's floor as a share of its rim's height, and its sd: anywhere in the lower half
+    plate_of_rim: tuple[float, float] = (0.3, 0.17)
+    step_mm: float = 1.0
+    # Log odds from which on it is a board: of 25 boards and 104 plates that rims showed, two boards lay below and no
+    # plate above; edges of food feign a board.
+    least_odds: float = 2.0
+
+
+FLOOR_TUNING = FloorTuning()

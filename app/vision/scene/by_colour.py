@@ -36,6 +36,7 @@ from app.vision.scene.colour_bins import (
     shaded_bins,
 )
 from app.vision.scene.dish import Dish, inward_of
+from app.vision.scene.floors import with_floor
 from app.vision.scene.layout import Layout
 from app.vision.scene.min_cut import cut_in_two, is_settled
 from app.vision.scene.places import (
@@ -165,6 +166,7 @@ def _plain_dish(thing: MaskArray, layout: Layout) -> Dish | None:
     low_mm, high_mm = COLOUR_TUNING.plain_rim_mm
     if dish is None or not low_mm < dish.rim_mm < high_mm:
         return None
+    dish = with_floor(dish, layout.scene, layout.view, layout.trend)
     return dish if _holds_food(dish, layout) else None
 
 
@@ -232,9 +234,8 @@ def _unlike_small(
     lab = lab_bytes(image)
     bins, shaded = byte_bins(image), shaded_bins(image)
     features = contrast_features(lab)
-    features[~within] = np.median(
-        features[within], axis=0
-    )  # else the sheet's squares set what counts as contrast
+    # else the sheet's squares set what counts as contrast
+    features[~within] = np.median(features[within], axis=0)
     own = colour_histogram([bins, *shaded], bare)[bins]
     common = float(np.quantile(own[bare], COMMON_SHARE))
     apart = _apart_nats(lab, bare)

@@ -5,6 +5,7 @@ Nothing is assumed of its size or profile: a rim is a closed line of one height 
 it and no lower than most of what lies just inside.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -27,12 +28,9 @@ MAX_STEP_MM = 12.0  # between three places of one rim
 ON_RIM_MM = 5.0
 EDGE_MM = 12.0  # within which a rim's outer edge falls, widened by a window
 EDGE_FALL = 0.5  # of its height
-OUTSIDE_MM = (
-    8.0,
-    28.0,
-)  # beyond the rim, where the table should be seen and not another, higher rim
+# beyond the rim, where the table should be seen and not another, higher rim
+OUTSIDE_MM = (8.0, 28.0)
 INSIDE_MM = 12.0  # within the rim
-DEEP_MM = 30.0  # within the rim, where a plate lies lower than half its rim's height
 RISE_MM = 3.0
 HIGHER_MM = 2 * RISE_MM  # over a level: no part of it
 SECTORS = 48
@@ -53,10 +51,6 @@ MIN_DENSITY = 0.15  # of the points that a cell facing the camera would show
 MIN_SLAB_MM2 = 15000.0  # larger than a slice of bread or a steak
 BEYOND_CIRCLE = 1.15  # times a circle's area: a slab so much larger is not that circle
 MIN_STANDING = 0.02  # of a board: what stands on it
-MIN_TOP_SHARE = 0.1  # of what lies so deep, at the rim's height: a plain floor shows little
-# of the rim's height: half way from a board's top, which is as high, to a plate's floor (support.FLOOR_PRIOR)
-BETWEEN_FLOORS = 0.65
-MAX_LOW_SHARE = 0.15  # of a board's measured cells that no food stands on, well within its edge
 MAX_SEARCHES = 8  # for dishes of one table
 MAX_SHARED = 0.25  # of the smaller of two dishes, which may lie within the other's outline
 APART_MM = 4.0  # beyond a dish's outline, up to which what stands out is still its rim
@@ -68,13 +62,14 @@ class Dish:
     """inward_mm: (rows, columns) of the top view, distance inward from the outline, negative outside.
 
     rim_mm: the rim's height over the table. floor_mm: of the flat part, where it is known to be as high as the rim (a
-    board's top), else 0, for a plate's plain floor is seldom measured. centre_mm: (2,), radius_mm: of a round
-    dish, else None.
+    board's top), else 0, for a plate's plain floor is seldom measured. floor_sd_mm: of a board's top.
+    centre_mm: (2,), radius_mm: of a round dish, else None.
     """
 
     inward_mm: Float32Array
     rim_mm: float
     floor_mm: float = 0.0
+    floor_sd_mm: float = 0.0
     centre_mm: Float64Array | None = None
     radius_mm: float | None = None
 
@@ -82,6 +77,11 @@ class Dish:
     def is_deep(self) -> bool:
         """A bowl rather than a plate or board."""
         return self.radius_mm is not None and self.rim_mm > DEEP_SHARE * self.radius_mm
+
+    @property
+    def is_small(self) -> bool:
+        """Round, and no larger than a slice of bread or a steak."""
+        return self.radius_mm is not None and np.pi * self.radius_mm**2 < MIN_SLAB_MM2
 
     def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
         """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
@@ -130,16 +130,22 @@ def solid_cells(view: TopView, points_per_mm2: float) -> MaskArray:
 
 
 def find_dishes(
-    view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
+    view: TopView,
+    is_solid: MaskArray,
+    noise_mm: float,
+    rng: np.random.Generator,
+    with_floor: Callable[[Dish], Dish],
 ) -> list[Dish]:
-    """The dishes with closed rims, the best first; heights of the view are over the table.
+    """Return the dishes with closed rims, the best first; heights of the view are over the table.
 
     What belongs to one dish has no part in the next one: a rim beside it counts as table there.
+
+    with_floor: tells a board from a plate
     """
     dishes: list[Dish] = []
     remaining = is_solid
     for _ in range(MAX_SEARCHES):
-        dish = _best_dish(view, remaining, noise_mm, rng)
+        dish = _best_dish(view, remaining, noise_mm, rng, with_floor)
         if dish is None:
             break
         if not any(_overlap(dish, other) for other in dishes):
@@ -156,10 +162,22 @@ def _overlap(dish: Dish, other: Dish) -> bool:
 
 
 def _best_dish(
-    view: TopView, is_solid: MaskArray, noise_mm: float, rng: np.random.Generator
+    view: TopView,
+    is_solid: MaskArray,
+    noise_mm: float,
+    rng: np.random.Generator,
+    with_floor: Callable[[Dish], Dish],
 ) -> Dish | None:
-    round_dish = _find_round(view, is_solid, noise_mm, rng)
-    slab = _find_slab(view, is_solid, noise_mm)
+    round_dish, slab = (
+        dish and with_floor(dish)
+        for dish in (
+            _find_round(view, is_solid, noise_mm, rng),
+            _find_slab(view, is_solid, noise_mm),
+        )
+    )
+    # A flat top no larger than a slice of bread or a steak is food, not a board.
+    if round_dish is not None and round_dish.floor_mm > 0 and round_dish.is_small:
+        round_dish = None
     if round_dish is None or slab is None:
         return round_dish or slab
     # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
@@ -196,38 +214,15 @@ def _find_round(
     )[1]
     centre = np.array([ring.x_mm, ring.y_mm])
     inward = ring.radius_mm - np.linalg.norm(places - centre, axis=-1)
-    dish = _with_floor(
-        inward.astype(np.float32), ring.height_mm, view, is_solid, centre, ring.radius_mm
+    return Dish(
+        inward.astype(np.float32), ring.height_mm, centre_mm=centre, radius_mm=ring.radius_mm
     )
-    # A flat top no larger than a slice of bread or a steak is food, not a board.
-    return None if dish.floor_mm > 0 and np.pi * ring.radius_mm**2 < MIN_SLAB_MM2 else dish
 
 
 def _raised(view: TopView, is_solid: MaskArray, noise_mm: float) -> MaskArray:
     """(rows, columns) cells as high as a rim may be."""
     low = max(RIM_RANGE_MM[0], RIM_NOISE * noise_mm)
     return opened(is_solid & (view.height_mm > low) & (view.height_mm < RIM_RANGE_MM[1]), 2)
-
-
-def _with_floor(
-    inward_mm: Float32Array,
-    rim_mm: float,
-    view: TopView,
-    is_solid: MaskArray,
-    centre_mm: Float64Array | None = None,
-    radius_mm: float | None = None,
-) -> Dish:
-    deep = inward_mm > DEEP_MM
-    seen = view.height_mm[is_solid & deep] / rim_mm
-    low = np.count_nonzero(seen < BETWEEN_FLOORS)
-    level = np.count_nonzero((seen >= BETWEEN_FLOORS) & (seen < 2.0 - BETWEEN_FLOORS))
-    is_flat = (
-        level > MIN_TOP_SHARE * np.count_nonzero(deep)
-        and low <= MAX_LOW_SHARE * (low + level)
-        # a bowl filled to its rim is none
-        and not (radius_mm is not None and rim_mm > DEEP_SHARE * radius_mm)
-    )
-    return Dish(inward_mm, rim_mm, rim_mm if is_flat else 0.0, centre_mm, radius_mm)
 
 
 def _is_edge(view: TopView, raised: MaskArray) -> MaskArray:
@@ -425,9 +420,8 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         level = commonest(view.height_mm[cluster], SAME_HEIGHT_MM)
         at_level = cluster & (np.abs(view.height_mm - level) < SAME_HEIGHT_MM)
         higher = is_solid & (view.height_mm > level + HIGHER_MM)
-        at_level &= (
-            cv2.dilate(higher.astype(np.uint8), link) == 0
-        )  # without flanks of what stands on it, or beside it
+        # without flanks of what stands on it, or beside it
+        at_level &= cv2.dilate(higher.astype(np.uint8), link) == 0
         rows, columns = np.nonzero(at_level)
         if len(rows) < SECTORS:
             continue
@@ -444,7 +438,7 @@ def _find_slab(view: TopView, is_solid: MaskArray, noise_mm: float) -> Dish | No
         standing = higher & (inward > 0)
         if np.count_nonzero(standing) * view.cell_mm**2 < MIN_STANDING * area:
             continue
-        best = area, _with_floor(inward, level, view, is_solid)
+        best = area, Dish(inward, level)
     return best[1] if best else None
 
 

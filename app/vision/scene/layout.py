@@ -19,6 +19,8 @@ from app.vision.geometry.topview import (
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.colour_bins import fine_texture
 from app.vision.scene.dish import Dish, find_dishes, solid_cells
+from app.vision.scene.floors import with_floor
+from app.vision.scene.plane_sweep import PlaneSweep
 from app.vision.scene.scene import Scene
 from app.vision.views.disparity import COLOUR_REACH_PX, DisparityMap
 from app.vision.views.rectification import RectifiedPair
@@ -69,6 +71,7 @@ def reduced_scene(
             pixel_mm=REDUCTION * pair.pixel_mm,
             texture=np.ascontiguousarray(fine_texture(pair.first_bgr)[every, every]),
             table_correlation=_table_correlation(pair),
+            sweep=PlaneSweep.of_pair(pair, REDUCTION),
         ),
         trend,
     )
@@ -129,7 +132,11 @@ def lay_out(scene: Scene, trend: TableTrend) -> Layout | None:
     if view is None:
         return None
     dishes = find_dishes(
-        view, solid_cells(view, 1.0 / scene.pixel_mm**2), trend.noise_mm, np.random.default_rng(0)
+        view,
+        solid_cells(view, 1.0 / scene.pixel_mm**2),
+        trend.noise_mm,
+        np.random.default_rng(0),
+        lambda dish: with_floor(dish, scene, view, trend),
     )
     nothing = np.zeros(usable.shape, np.bool_)
     if not dishes:

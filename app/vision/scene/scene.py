@@ -6,6 +6,7 @@ import numpy as np
 
 from app.vision.geometry.pictures import scaled_and_shifted
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
+from app.vision.scene.plane_sweep import PlaneSweep
 
 # of the scene's grid: a window's reach up to which a height is that of its pixel
 FINE_REACH_PX = 2.5
@@ -21,6 +22,7 @@ class Scene:
     window behind each height, in pixels of this grid. is_ignored: sheet, unseen. plane_xy_mm: (h, w, 2) where the
     pixel's ray meets z = 0. camera_mm: (3,). pixel_mm: what a pixel spans on the table. texture: fine
     contrast, grey levels. table_correlation: of both views if the pixel shows the table's plane, NaN where it is plain.
+    sweep: of both views; None for a single one.
     """
 
     image_bgr: ImageArray
@@ -33,6 +35,7 @@ class Scene:
     pixel_mm: float
     texture: Float32Array
     table_correlation: Float32Array
+    sweep: PlaneSweep | None = None
 
     def xy_at(
         self, height_mm: float, window: tuple[slice, slice] = (slice(None), slice(None))

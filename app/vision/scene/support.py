@@ -13,22 +13,18 @@ from app.vision.geometry.topview import TableTrend, TopView
 from app.vision.model import Float32Array, MaskArray
 from app.vision.scene.dish import Dish
 from app.vision.scene.scene import FINE_REACH_PX, Scene
+from app.vision.tuning import FLOOR_TUNING
 
-RING_PX = (
-    18.0,
-    60.0,
-)  # from the mask's outline: beyond what a food's height spreads over plain surroundings
-RANGE_MM = (
-    -4.0,
-    20.0,
-)  # what a support may measure; other points belong to other foods or are strays
+# from the mask's outline: beyond what a food's height spreads over plain surroundings
+RING_PX = (18.0, 60.0)
+# what a support may measure; other points belong to other foods or are strays
+RANGE_MM = (-4.0, 20.0)
 QUANTILE = 0.3  # of the ring's heights: rims and neighbours lie higher, nothing lies lower
 MIN_POINTS = 100
 
 NEAR_MM = (4.0, 60.0)  # from the food's outline, where a table or a board's top is looked for
 LEVEL_STEP_MM = 4.0  # from where it should be; what lies farther is no table
 TABLE_SD_MM = 0.5  # of a table about its trend: unevenness, and what the poses leave
-BOARD_SD_MM = 2.0  # of a board's top about its edge, whose windows see the table beside it as well
 LEVEL_SD_MM = 0.4  # that measuring leaves beside the heights' spread
 FLOOR_INWARD_MM = 35.0  # from the dish's outline, where a plate is flat
 FLOOR_CLEAR_MM = 5.0  # from any food
@@ -37,10 +33,6 @@ FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on
 LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
 PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
 SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
-FLOOR_PRIOR = (
-    0.3,
-    0.17,
-)  # mean and spread of a plate's floor, shares of its rim's height: anywhere in the lower half
 BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
 
 # Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
@@ -51,10 +43,8 @@ TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
 # of how far a rim is from where it should be: what the plane is then is less sure
 PLANE_DOUBT = 0.3
 RIM_WIDTH_MM = 15.0
-DEPTH_RING_MM, DEPTH_STEP_MM = (
-    (8.0, 35.0),
-    25.0,
-)  # around a food, where a depth map shows its support
+# around a food, where a depth map shows its support
+DEPTH_RING_MM, DEPTH_STEP_MM = ((8.0, 35.0), 25.0)
 DEPTH_LEVEL_SD_MM = 1.0
 TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 
@@ -92,28 +82,21 @@ def find_support(
     if dish is not None and dish.is_deep:
         return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
     heights = np.nan_to_num(scene.height_mm, nan=np.inf)
-    if dish is not None and dish.floor_mm == 0.0:
+    if dish is not None and dish.floor_mm > 0:
+        sd = float(np.hypot(dish.floor_sd_mm, LEVEL_SD_MM))
+        return Support(table_mm + dish.floor_mm, sd, "board")
+    if dish is not None:
         inward = dish.inward_at(view, scene.points_table[..., :2])
         is_floor = (heights > FLOOR_LEAST_MM) & (heights < dish.rim_mm)
         is_floor &= (inward > FLOOR_INWARD_MM) & (clear_mm > FLOOR_CLEAR_MM)
-        prior_mm, prior_sd = (share * dish.rim_mm for share in FLOOR_PRIOR)
+        prior_mm, prior_sd = (share * dish.rim_mm for share in FLOOR_TUNING.plate_of_rim)
         floor_mm, sd = _reconciled(heights[is_floor], prior_mm, prior_sd, FLOOR_SD_MM)
         return Support(table_mm + max(0.0, floor_mm), sd, "floor")
-    expected_mm = 0.0 if dish is None else dish.floor_mm
     own_mm = scene.pixel_mm * distance_px(mask)
-    is_near = (
-        ~scene.is_ignored & (np.abs(heights - expected_mm) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
-    )
-    is_near &= clear_mm > NEAR_MM[0]
-    if dish is None:
-        is_near &= scene.reach_px < FINE_REACH_PX
-        level_mm, sd = _reconciled(heights[is_near], expected_mm, TABLE_SD_MM, LEVEL_SD_MM)
-        return Support(table_mm + level_mm, sd, "table")
-    # Across a board's edge windows see the table as well; a plain top has wide ones.
-    room_mm = np.minimum(clear_mm, dish.inward_at(view, scene.points_table[..., :2]))
-    is_near &= scene.pixel_mm * scene.reach_px < room_mm
-    level_mm, sd = _reconciled(heights[is_near], expected_mm, BOARD_SD_MM, LEVEL_SD_MM, 0.5)
-    return Support(table_mm + level_mm, sd, "board")
+    is_near = ~scene.is_ignored & (np.abs(heights) < LEVEL_STEP_MM) & (own_mm < NEAR_MM[1])
+    is_near &= (clear_mm > NEAR_MM[0]) & (scene.reach_px < FINE_REACH_PX)
+    level_mm, sd = _reconciled(heights[is_near], 0.0, TABLE_SD_MM, LEVEL_SD_MM)
+    return Support(table_mm + level_mm, sd, "table")
 
 
 def measured_support(

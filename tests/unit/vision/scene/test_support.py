@@ -27,7 +27,7 @@ def measured(scene):
     points = scene.points_table[np.isfinite(scene.points_table[..., 2])]
     view = view_from_above(points, points[:, 2])
     trend = fit_table_trend(points)
-    dishes = find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0))
+    dishes = find_dishes(view, solid_cells(view, 1.0), 0.3, np.random.default_rng(0), lambda dish: dish)
     return view, next(iter(dishes), None), trend
 
 
@@ -44,10 +44,6 @@ def plate(floor_mm):
     return heights
 
 
-def board(x, y):
-    return np.where(np.hypot(x, y) < 30, 50.0, np.where((np.abs(x) < 110) & (np.abs(y) < 90), 15.0, 0.0))
-
-
 def bowl(x, y):
     r, gap = np.hypot(x, y), np.nan
     return np.select([r < 60, r < 68, r < 73, r < 80], [38.0, gap, 48.0, gap], 0.0)
@@ -57,7 +53,6 @@ SUPPORTS = {  # heights, the food's radius, source, height and its tolerance, mo
     "bare table": (lambda x, y: np.where(np.hypot(x, y) < 30, 40.0, 0.0), 30, "table", 0.0, 0.3, 1.0),
     "low floor of a plate": (plate(2.0), 30, "floor", 2.0, 3.0, 1.5),
     "high floor of a plate": (plate(5.0), 30, "floor", 5.0, 3.0, 1.5),
-    "board's top": (board, 30, "board", 15.0, 0.5, 2.0),
     "floor that was not measured": (plate(np.nan), 30, "floor", 5.0, 5.0, None),
     "inside of a filled bowl": (bowl, 60, "bowl", 24.0, 24.0, None),
 }

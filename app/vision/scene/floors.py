@@ -1,0 +1,48 @@
+"""Plate or board, and how high a board's top lies: where both views show a plane within the dish's rim.
+
+A board is level up to its edge, a plate slopes down to a floor in the lower half of its rim's height. What both views
+show is weighed against that, so that a board is one whatever its colour and however little of it is measured.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from app.vision.geometry.masks import dilated, opened
+from app.vision.geometry.topview import TableTrend, TopView
+from app.vision.model import Float64Array
+from app.vision.scene.dish import Dish
+from app.vision.scene.scene import FINE_REACH_PX, Scene
+from app.vision.tuning import FLOOR_TUNING
+
+
+def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Dish:
+    """Return a board with its top, which is its rim and its floor; any other dish as it is."""
+    if dish.is_deep or scene.sweep is None:
+        return dish
+    tuning = FLOOR_TUNING
+    standing = np.nan_to_num(scene.height_mm) > dish.rim_mm + tuning.standing_mm
+    standing = opened(standing & (scene.reach_px < FINE_REACH_PX), 3)
+    inward = dish.inward_at(view, scene.xy_at(dish.rim_mm))
+    low_mm, high_mm = tuning.ring_mm
+    ring = (inward > low_mm) & (inward < high_mm) & ~dilated(standing, tuning.clear_px)
+    # However high it lies, it is within the outline.
+    ring &= (dish.inward_at(view, scene.plane_xy_mm) > low_mm) & ~scene.is_ignored
+    table_mm = float(trend.height_mm(view.centres_mm()[dish.inward_mm > 0].mean(axis=0)))
+
+    over_mm, sd_mm = tuning.board_over_rim_mm
+    expected_mm = dish.rim_mm + over_mm
+    heights_mm = np.arange(0.0, expected_mm + 3 * sd_mm, tuning.step_mm)
+    seen = scene.sweep.log_likelihoods(ring, heights_mm + table_mm)
+    seen = np.exp(seen - seen.max())
+    board = seen * _normal(heights_mm, expected_mm, sd_mm)
+    plate = seen * _normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
+    if np.log(board.sum()) - np.log(plate.sum()) < tuning.least_odds:
+        return dish
+    top_mm = float(np.average(heights_mm, weights=board))
+    variance = float(np.average((heights_mm - top_mm) ** 2, weights=board))
+    return replace(dish, rim_mm=top_mm, floor_mm=top_mm, floor_sd_mm=float(np.sqrt(variance)))
+
+
+def _normal(values: Float64Array, mean: float, sd: float) -> Float64Array:
+    return np.asarray(np.exp(-0.5 * ((values - mean) / sd) ** 2) / sd, np.float64)
