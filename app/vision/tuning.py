@@ -202,7 +202,7 @@ class FloorTuning:
     inner_share: float = 0.85
     grain_sds: float = 2.0  # of the detail, beyond which it is an edge of food or of a pattern
     px_per_fact: float = 12.0  # neighbours share their noise: 4 pi of the finer detail, twice
-    most_facts: float = 400.0  # what is no plane correlates by a tenth, however many pixels show it
+    most_facts: float = 200.0  # what is no plane correlates by a tenth, however many pixels show it
     least_px: int = 50  # of an area that shows a plane
     # inward from the outline, where food seldom lies and a plate is no longer its rim
     ring_mm: tuple[float, float] = (15.0, 55.0)
@@ -213,9 +213,9 @@ class FloorTuning:
     # a plate's floor as a share of its rim's height, and its sd: anywhere in the lower half
     plate_of_rim: tuple[float, float] = (0.3, 0.17)
     step_mm: float = 1.0
-    # Log odds from which on it is a board: of 25 boards and 104 plates that rims showed, two boards lay below and no
-    # plate above; edges of food feign a board.
-    least_odds: float = 2.0
+    # Log odds from which on it is a board: of 25 boards and 104 plates that rims showed, one board lay below and no
+    # plate above.
+    least_odds: float = 1.2
 
 
 FLOOR_TUNING = FloorTuning()

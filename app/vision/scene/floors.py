@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from app.vision.geometry.masks import dilated, opened
+from app.vision.geometry.masks import dilated, opened, window_around
 from app.vision.geometry.topview import TableTrend, TopView
-from app.vision.model import Float64Array
+from app.vision.model import Float64Array, MaskArray
 from app.vision.scene.dish import Dish
 from app.vision.scene.scene import FINE_REACH_PX, Scene
 from app.vision.tuning import FLOOR_TUNING
@@ -33,15 +33,34 @@ def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Di
     over_mm, sd_mm = tuning.board_over_rim_mm
     expected_mm = dish.rim_mm + over_mm
     heights_mm = np.arange(0.0, expected_mm + 3 * sd_mm, tuning.step_mm)
-    seen = scene.sweep.log_likelihoods(ring, heights_mm + table_mm)
-    seen = np.exp(seen - seen.max())
-    board = seen * _normal(heights_mm, expected_mm, sd_mm)
-    plate = seen * _normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
-    if np.log(board.sum()) - np.log(plate.sum()) < tuning.least_odds:
+    a_board = _normal(heights_mm, expected_mm, sd_mm)
+    a_plate = _normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
+
+    def odds(log_likelihood: Float64Array) -> float:
+        """Return the log of a board's against a plate's. log_likelihood: (n,) of the heights."""
+        seen = np.exp(log_likelihood - log_likelihood.max())
+        return float(np.log(a_board @ seen) - np.log(a_plate @ seen))
+
+    # What a single quarter tells may be food that no height shows.
+    quarters = [
+        scene.sweep.log_likelihoods(quarter, heights_mm + table_mm) for quarter in _quarters(ring)
+    ]
+    whole = np.sum(quarters, axis=0)
+    log_likelihood = min((whole - quarter for quarter in quarters), key=odds)
+    if odds(log_likelihood) < tuning.least_odds:
         return dish
+    board = a_board * np.exp(log_likelihood - log_likelihood.max())
     top_mm = float(np.average(heights_mm, weights=board))
     variance = float(np.average((heights_mm - top_mm) ** 2, weights=board))
     return replace(dish, rim_mm=top_mm, floor_mm=top_mm, floor_sd_mm=float(np.sqrt(variance)))
+
+
+def _quarters(ring: MaskArray) -> list[MaskArray]:
+    """Return the four quarters of a ring (h, w) about its middle."""
+    rows, columns = np.ogrid[: ring.shape[0], : ring.shape[1]]
+    middle_row, middle_column = ((each.start + each.stop) / 2 for each in window_around(ring, 0))
+    is_lower, is_right = rows > middle_row, columns > middle_column
+    return [ring & (is_lower == low) & (is_right == right) for low in (0, 1) for right in (0, 1)]
 
 
 def _normal(values: Float64Array, mean: float, sd: float) -> Float64Array:

@@ -9,6 +9,7 @@ from typing import Self
 import cv2
 import numpy as np
 
+from app.vision.geometry.masks import window_around
 from app.vision.geometry.pictures import grey_of
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.tuning import FLOOR_TUNING
@@ -46,24 +47,21 @@ class PlaneSweep:
         area: (h, w)
         heights_mm: (n,) of the planes over the marker's
         """
-        if np.count_nonzero(area) < FLOOR_TUNING.least_px:
-            return np.zeros(len(heights_mm))
-        rows, columns = np.flatnonzero(area.any(axis=1)), np.flatnonzero(area.any(axis=0))
-        window = (slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
+        window = window_around(area, 0)
         shown = area[window]
         share = np.maximum(_coarse(shown.astype(np.float32)), LEAST_SHARE)
         inner = shown & (share > FLOOR_TUNING.inner_share)
+        if np.count_nonzero(inner) < FLOOR_TUNING.least_px:
+            return np.zeros(len(heights_mm))
 
         def grain(picture: Float32Array) -> Float32Array:
             """Return (n,) what is left of a picture within the area, without what lies beside it."""
             course = _coarse(np.where(shown, picture, np.float32(0.0))) / share
             return np.asarray((picture - course)[inner], np.float32)
 
-        if not inner.any():
-            return np.zeros(len(heights_mm))
         first = grain(self.pictures[0][window])
         limit = np.float32(FLOOR_TUNING.grain_sds * 1.48 * np.median(np.abs(first)))
-        is_grain = np.abs(first) < limit
+        is_grain = np.abs(first) <= limit
         first = first[is_grain]
         correlations = np.zeros(len(heights_mm))
         for place, height_mm in enumerate(heights_mm):

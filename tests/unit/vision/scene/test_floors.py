@@ -53,7 +53,8 @@ def test_dish_whose_floor_lies_lower_or_is_plain_is_a_plate():
     first = grain(0)
     low = scene_of(seen_at(TABLE_MM + 3.0, first), first)
     plain = scene_of(grain(1), first)  # the views' noise has nothing in common
-    for scene in (low, plain, replace(plain, sweep=None)):
+    white = scene_of(np.full(SHAPE, 255, np.float32), np.full(SHAPE, 255, np.float32))
+    for scene in (low, plain, white, replace(plain, sweep=None)):
         plate = with_floor(dish_of(), scene, VIEW, TABLE)
         assert (plate.floor_mm, plate.rim_mm) == (0.0, RIM_MM)
 
@@ -72,6 +73,16 @@ def test_food_on_a_plate_does_not_make_it_a_board():
     height = np.where(food, 30.0, np.nan).astype(np.float32)
     assert with_floor(dish_of(), scene_of(second, first), VIEW, TABLE).floor_mm > 0  # where no height tells of it
     assert with_floor(dish_of(), scene_of(second, first, height_mm=height), VIEW, TABLE).floor_mm == 0
+
+
+def test_one_quarter_alone_makes_no_board():
+    first = grain(0)
+    rows, columns = np.indices(SHAPE)
+    high = seen_at(TABLE_MM + 13.0, first)  # pale food on a plate of its colour
+    second = np.where((rows > 120) & (columns > 120), high, grain(1))
+    assert with_floor(dish_of(), scene_of(second, first), VIEW, TABLE).floor_mm == 0
+    second = np.where((rows > 120) | (columns > 120), high, grain(1))  # the fourth is hidden
+    assert with_floor(dish_of(), scene_of(second, first), VIEW, TABLE).floor_mm == pytest.approx(13.0, abs=1.0)
 
 
 def test_slanted_pairs_planes_are_told_as_points_on_them_are_seen():
