@@ -18,6 +18,7 @@ from app.vision.geometry.topview import TopView
 from app.vision.model import Float32Array, Float64Array, MaskArray
 from app.vision.scene.scene import commonest
 from app.vision.scene.sectors import sector_of
+from app.vision.tuning import FLOOR_TUNING
 
 RADII_MM = (50.0, 260.0)  # of a round dish: a dessert bowl to a serving platter
 RIM_RANGE_MM = (4.0, 90.0)  # over the table
@@ -69,7 +70,7 @@ class Dish:
     inward_mm: Float32Array
     rim_mm: float
     floor_mm: float = 0.0
-    floor_sd_mm: float = 0.0
+    floor_sd_mm: float = FLOOR_TUNING.board_over_rim_mm[1]  # as a rim tells it
     centre_mm: Float64Array | None = None
     radius_mm: float | None = None
 

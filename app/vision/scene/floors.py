@@ -33,23 +33,23 @@ def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Di
     over_mm, sd_mm = tuning.board_over_rim_mm
     expected_mm = dish.rim_mm + over_mm
     heights_mm = np.arange(0.0, expected_mm + 3 * sd_mm, tuning.step_mm)
-    a_board = _normal(heights_mm, expected_mm, sd_mm)
-    a_plate = _normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
+    a_board = _log_normal(heights_mm, expected_mm, sd_mm)
+    a_plate = _log_normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
 
-    def odds(log_likelihood: Float64Array) -> float:
-        """Return the log of a board's against a plate's. log_likelihood: (n,) of the heights."""
-        seen = np.exp(log_likelihood - log_likelihood.max())
-        return float(np.log(a_board @ seen) - np.log(a_plate @ seen))
+    def odds(seen: Float64Array) -> float:
+        """Return the log of a board's against a plate's. seen: (n,) log likelihoods of the heights."""
+        board, plate = (np.logaddexp.reduce(seen + each) for each in (a_board, a_plate))
+        return float(board - plate)
 
     # What a single quarter tells may be food that no height shows.
     quarters = [
         scene.sweep.log_likelihoods(quarter, heights_mm + table_mm) for quarter in _quarters(ring)
     ]
     whole = np.sum(quarters, axis=0)
-    log_likelihood = min((whole - quarter for quarter in quarters), key=odds)
-    if odds(log_likelihood) < tuning.least_odds:
+    seen = min((whole - quarter for quarter in quarters), key=odds)
+    if odds(seen) < tuning.least_odds:
         return dish
-    board = a_board * np.exp(log_likelihood - log_likelihood.max())
+    board = np.exp(seen + a_board - (seen + a_board).max())
     top_mm = float(np.average(heights_mm, weights=board))
     variance = float(np.average((heights_mm - top_mm) ** 2, weights=board))
     return replace(dish, rim_mm=top_mm, floor_mm=top_mm, floor_sd_mm=float(np.sqrt(variance)))
@@ -63,5 +63,5 @@ def _quarters(ring: MaskArray) -> list[MaskArray]:
     return [ring & (is_lower == low) & (is_right == right) for low in (0, 1) for right in (0, 1)]
 
 
-def _normal(values: Float64Array, mean: float, sd: float) -> Float64Array:
-    return np.asarray(np.exp(-0.5 * ((values - mean) / sd) ** 2) / sd, np.float64)
+def _log_normal(values: Float64Array, mean: float, sd: float) -> Float64Array:
+    return np.asarray(-0.5 * ((values - mean) / sd) ** 2 - np.log(sd), np.float64)
