@@ -91,7 +91,7 @@ LOCATED = frozenset(
     }
 )  # fmt: skip
 OF_UPLOADS = frozenset({"post_upload", "get_upload", "patch_upload"})
-# in the 200 of a repeat too
+# their Location is in the 200 of a repeat too
 LOCATED_AGAIN = frozenset({"post_declared_meal", "post_export", "post_remeasurement"})
 # their 409 may be `clock_differs`
 COMPARE_CLOCKS = frozenset({"post_meal", "put_meal", "put_after", "post_declared_meal"})

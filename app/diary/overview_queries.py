@@ -27,7 +27,7 @@ from app.people.models import Participant
 from app.records.page_queries import CALENDAR, EASTERNMOST, LATEST_END
 from app.records.review.queries import count_meals_to_look_at
 
-# need an action
+# states that need an action
 WAITING: tuple[MealStatus, ...] = ("receiving", "queued", "processing", "needs_review", "failed")
 NEEDS_LOOK: CountedStatus = "needs_look"
 AFTER_PAIRS: tuple[CountedStatus, ...] = ("after_awaited", "after_failed")  # of meals in any status

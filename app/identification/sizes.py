@@ -86,7 +86,7 @@ USUAL_MM = {
 }
 UNUSUAL, UNUSUAL_LOG_SD = 0.1, 0.7  # share of other sizes, and their spread
 SURE = 0.7  # posterior from which on the factor is told: the sizes are some 45 times likelier with another one
-# that is told: below it the interval of a volume covers much of it
+# of a factor that is told: below it the interval of a volume covers much of it
 LEAST_LOG_FACTOR = math.log(1.2)
 
 

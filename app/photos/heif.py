@@ -111,7 +111,7 @@ class _File:
     auxiliaries: dict[int, list[int]] = field(default_factory=dict)  # of a picture
     descriptions: dict[int, list[int]] = field(default_factory=dict)  # of a picture: its metadata
     has_auxiliaries: bool = False
-    # that an item makes, by item and depth
+    # pixels that an item makes, by item and depth
     pixels: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def spend(self) -> None:

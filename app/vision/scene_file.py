@@ -126,7 +126,7 @@ def _photograph(photo: Photo, marker: MarkerObservation | None, view: View | Non
             "cx": round(camera.cx, 3),
             "cy": round(camera.cy, 3),
             "distortion": _rounded(camera.distortion, 6),
-            # from the table frame to the camera: rotation first, then translation_mm
+            # A point in the camera's frame is rotation @ point + translation_mm.
             "rotation": _rounded(view.rotation, 8),
             "translation_mm": _rounded(view.translation_mm, 4),
             "centre_mm": _rounded(view.centre_mm, 3),

@@ -85,6 +85,7 @@ def edge_profiles(grey: ImageArray, corners_px: Float64Array, border_share: floa
     length = np.linalg.norm(ends - corners_px, axis=-1, keepdims=True)  # (n, 4, 1)
     reach = np.maximum(REACH_SHARE * border_share * length, MIN_REACH_PX)
     outwards = reach * np.linspace(-1.0, 1.0, ACROSS_STEPS)  # (n, 4, m)
+    # along a side, for each of its k places
     on_side = corners_px[:, :, None] + (ends - corners_px)[:, :, None] * ALONG[:, None]
     across = _normals(corners_px)[:, :, None] * outwards[..., None]  # (n, 4, m, 2)
     places = on_side[:, :, :, None] + across[:, :, None]

@@ -75,7 +75,7 @@ def epipole_to_infinity(epipole: Float64Array, middle: Float64Array) -> Float64A
     cosine, sine = moved[:2] / length * (1.0 if moved[0] >= 0 else -1.0)
     rotation = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     on_axis = rotation @ moved
-    # -1 / f
+    # Its last row begins with -1 over the focal length.
     to_infinity = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-on_axis[2] / on_axis[0], 0.0, 1.0]])
     return np.asarray(to_infinity @ rotation @ translation, np.float64)
 

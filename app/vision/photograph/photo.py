@@ -104,7 +104,7 @@ def read_reduced_photo(
     be missing, so that none are looked for.
     """
     with warnings.catch_warnings():
-        # of damaged EXIF entries; the sound ones are read
+        # It warns of damaged EXIF entries; the sound ones are read.
         warnings.filterwarnings("ignore", module=r"PIL\.")
         return _read(data, max_pixels, least_long_side_px, least_short_side_px, is_whole=is_whole)
 

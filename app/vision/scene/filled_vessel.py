@@ -64,7 +64,7 @@ OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 # outside a rim, where a vessel's wall falls to the table
 BESIDE_MM, BESIDE_LEVEL_MM = ((4.0, 20.0), 8.0)
-# around it, and the share in which the surface goes on at its height
+# sectors around a vessel, and the share in which the surface goes on at its height
 SECTORS, PRINT_SECTORS = (16, 0.75)
 WINDOW_MM, WINDOW_PX = 5.0, 4  # around a vessel, where the colours beside its surface are taken
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim

@@ -17,7 +17,7 @@ from app.vision.tuning import FLOOR_TUNING
 
 
 def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Dish:
-    """Return a board with its top, which is its rim and its floor; any other dish as it is."""
+    """Return a board with its top, which is its rim and its floor; a dish that is not clearly one as it is."""
     if dish.is_deep or scene.sweep is None:
         return dish
     tuning = FLOOR_TUNING
@@ -37,7 +37,7 @@ def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Di
     a_plate = _log_normal(heights_mm, *(share * dish.rim_mm for share in tuning.plate_of_rim))
 
     def odds(seen: Float64Array) -> float:
-        """Return the log of a board's against a plate's. seen: (n,) log likelihoods of the heights."""
+        """Return the log odds of a board against a plate. seen: (n,) log likelihoods of the heights."""
         board, plate = (np.logaddexp.reduce(seen + each) for each in (a_board, a_plate))
         return float(board - plate)
 

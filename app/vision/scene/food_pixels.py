@@ -71,7 +71,7 @@ def _cut(scene: Scene, place: Place, whole_core: MaskArray, whole_deep: MaskArra
     tall = np.nan_to_num(
         np.where(scene.is_ignored, np.float32(np.nan), scene.height_mm), nan=UNMEASURED_MM
     )
-    # in which the background's colours are known
+    # Within it the background's colours are known.
     window = window_around(place.may_be_food, MARGIN_PX)
     shape = place.may_be_food[window].shape[::-1]
     scale = min(1.0, SIDE_PX / max(shape))

@@ -74,7 +74,7 @@ class PlaneSweep:
         return np.asarray(-0.5 * facts * np.log(unexplained))
 
     def _second_at(self, height_mm: float, window: tuple[slice, slice]) -> Float32Array:
-        """Return the second view as the first view would see them on a plane. window: rows, columns."""
+        """Return the second view as the first view would see it on a plane. window: rows, columns."""
         a, b, c = self.plane_px
         share = height_mm / (self.camera_mm - height_mm) / (1.0 - a)
         top, left = window[0].start, window[1].start

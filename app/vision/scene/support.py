@@ -22,7 +22,7 @@ RANGE_MM = (-4.0, 20.0)
 QUANTILE = 0.3  # of the ring's heights: rims and neighbours lie higher, nothing lies lower
 MIN_POINTS = 100
 
-NEAR_MM = (4.0, 60.0)  # from the food's outline, where a table or a board's top is looked for
+NEAR_MM = (4.0, 60.0)  # from the food's outline, where the table is looked for
 LEVEL_STEP_MM = 4.0  # from where it should be; what lies farther is no table
 TABLE_SD_MM = 0.5  # of a table about its trend: unevenness, and what the poses leave
 LEVEL_SD_MM = 0.4  # that measuring leaves beside the heights' spread
@@ -33,7 +33,10 @@ FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on
 LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
 PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
 SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
-BOWL_PRIOR = (0.125, 0.07)  # the same of a bowl's inside, which its food hides
+BOWL_PRIOR = (
+    0.125,
+    0.07,
+)  # mean and spread of a bowl's inside, shares of its rim's height; its food hides it
 
 # Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
 # a board is 10 to 25 mm thick.
@@ -53,7 +56,7 @@ TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 class Support:
     """height_mm over the marker's plane, sd_mm its standard deviation.
 
-    source: "table" and "board" are measured around the food; "floor" is a plate's, measured as far as it can be and
+    source: "table" is measured around the food, "board" within its rim; "floor" is a plate's, measured as far as it can be and
     otherwise guessed from the rim; "bowl" is guessed: the food hides it.
     """
 

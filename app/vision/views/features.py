@@ -31,9 +31,9 @@ MATCHING_SIDE_PX = 512
 ALIGNED_SIDE_PX = 1600  # about the long side where matches are aligned: phones resolve little more
 MAX_FEATURES = 500
 UNPLACED_FINER = 2  # where no pose helps, and the pose has to come of it
-# SIFT's default is 0.04: food and plates are pale and smooth; the second where that
+# SIFT's default is 0.04: food and plates are pale and smooth. The second where the first finds few features.
 MIN_CONTRASTS = (0.01, 0.003)
-FEW_FEATURES = 150  # finds fewer than these
+FEW_FEATURES = 150
 MAX_RATIO = 0.8  # of the best to the second best distance (Lowe, 2004, section 7.1)
 # of the long side, from the epipolar line: what poses by the marker alone may be off by
 GATE_SHARE = 0.006

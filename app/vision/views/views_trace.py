@@ -112,7 +112,7 @@ class ViewsTrace:
             out |= _of_view("first", self.refined.first) | _of_view("second", self.refined.second)
             out |= {"swapped": int(self.is_swapped), "pose_matches": self.refined.matches}
             if self.refined.first.marker is not None:
-                # announced, or measured
+                # as it was announced or measured
                 out["marker_thick_mm"] = self.refined.first.marker.spec.thick_mm
             if self.focal is not None:
                 out["focal_log_sd"] = round(self.focal.log_sd, 3)

@@ -71,6 +71,17 @@ def test_support_is_measured_around_the_food_or_guessed_with_more_doubt(heights,
         assert abs(support.height_mm - mm) < 2 * support.sd_mm
 
 
+def test_support_on_a_board_is_its_top_with_its_doubt():
+    scene, radius = scene_of(lambda x, y: np.where(np.hypot(x, y) < 30, 50.0, 0.0))
+    view, _, _ = measured(scene)
+    inward = (110.0 - np.linalg.norm(view.centres_mm(), axis=-1)).astype(np.float32)
+    board = Dish(inward, 15.0, floor_mm=15.0, floor_sd_mm=0.8)
+    mask = radius < 30
+    support = find_support(scene, view, board, TableTrend(np.zeros(6), 0.1), mask, mask)
+    assert (support.source, support.height_mm) == ("board", pytest.approx(15.0))
+    assert 0.8 < support.sd_mm < 1.2
+
+
 def test_bowl_is_described_by_its_rim_and_a_plate_is_no_vessel():
     scene, _ = scene_of(bowl)
     view, dish, trend = measured(scene)
