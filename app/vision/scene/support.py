@@ -33,10 +33,8 @@ FLOOR_SD_MM = 1.2  # as LEVEL_SD_MM: a plain glossy floor mirrors what stands on
 LOW_QUANTILE = 0.35  # of the heights: windows that lie across what stands on a support lift it, nothing lowers it
 PIXELS_PER_FACT = 50.0  # neighbouring heights come of overlapping windows and err alike
 SHARED_SHARE = 0.5  # of the spread of heights that no number of them averages away
-BOWL_PRIOR = (
-    0.125,
-    0.07,
-)  # mean and spread of a bowl's inside, shares of its rim's height; its food hides it
+# mean and spread of a bowl's inside, shares of its rim's height; its food hides it
+BOWL_PRIOR = (0.125, 0.07)
 
 # Where nothing is measured: a plate's rim lies 10 to 25 mm over the table and its floor, over its foot ring, 2 to 7 mm;
 # a board is 10 to 25 mm thick.
@@ -56,8 +54,8 @@ TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 class Support:
     """height_mm over the marker's plane, sd_mm its standard deviation.
 
-    source: "table" is measured around the food, "board" within its rim; "floor" is a plate's, measured as far as it can be and
-    otherwise guessed from the rim; "bowl" is guessed: the food hides it.
+    source: "table" is measured around the food, "board" within its rim; "floor" is a plate's, measured as far as it
+    can be and otherwise guessed from the rim; "bowl" is guessed: the food hides it.
     """
 
     height_mm: float
