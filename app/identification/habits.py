@@ -22,7 +22,7 @@ EQUAL_WEIGHT = 20.0  # equal shares stand for so many of the study's items
 COMPANY = 3.0
 USUAL = 2.0  # times the equal share, from which on a food is usual
 # to begin with: an index of a few foods often meets others; a judgement
-NEW_FOODS, NEW_OF = (6.0, 20.0)
+NEW_FOODS, NEW_OF = 6.0, 20.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -74,7 +74,7 @@ SIZE_TELLS = math.log(1.5)  # log likelihood ratio from which on a size is told 
 
 LOG_FACTORS = np.linspace(-1.6, 1.6, 321)  # of lengths: a fifth to five times
 # of studies' boards; of a printer that scales to the page
-DECLARED_RIGHT, PRINT_LOG_SD = (0.95, 0.03)
+DECLARED_RIGHT, PRINT_LOG_SD = 0.95, 0.03
 WRONG_LOG_SD = 0.7  # a factor of two either way is usual among wrong ones: millimetres of another board, inches, A3
 # Median, mm, and spread in logarithms. Rims' radii: plates of 170 mm across to platters of 330, bowls of 110 to 240,
 # espresso cups of 55 to mugs of 115, in 90 % of tableware. Phones are held 210 to 680 mm above the table.

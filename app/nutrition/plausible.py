@@ -25,7 +25,7 @@ from app.nutrition.intakes.energy_requirement import Activity, Energy, LeftOut
 LARGEST_SUM_G = 107.0
 LARGEST_ENERGY_KCAL = 930.0  # of 100 g; pure fat has 902 in SR28
 # spun sugar has some ten times the minimum, crystals of salt 2.2
-MIN_G_PER_ML, MAX_G_PER_ML = (0.005, 3.0)
+MIN_G_PER_ML, MAX_G_PER_ML = 0.005, 3.0
 
 _CARBOHYDRATE = ("205", "205.2", "CHOAVLDF", "CHOAVL")  # one of them, the most inclusive first
 _OTHERS = tuple(NUMBER_BY_TAGNAME[tagname] for tagname in ("WATER", "PROCNT", "FAT", "ASH", "ALC"))

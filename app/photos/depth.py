@@ -15,7 +15,7 @@ from app.photos.tiff import byte_order, read_directories, read_numbers
 TIFF = "image/tiff"
 MAX_MAP_PIXELS = 8_000_000  # a phone's sensor has 0.05, structured light 2 million
 # TIFF's tags
-WIDTH, HEIGHT, BITS, ORIENTATION, CHANNELS, NUMBERS = (0x100, 0x101, 0x102, 0x112, 0x115, 0x153)
+WIDTH, HEIGHT, BITS, ORIENTATION, CHANNELS, NUMBERS = 0x100, 0x101, 0x102, 0x112, 0x115, 0x153
 FLOATING_POINT = 3  # of TIFF's SampleFormat
 GREY = 0  # PNG's colour type
 DEPTH_ADVICE = "Send a 16 bit grey PNG (0: not measured) or a TIFF of float32 in mm."

@@ -16,7 +16,7 @@ Convention = Literal["arkit", "arcore", "opencv"]
 CONVENTIONS: tuple[Convention, ...] = get_args(Convention)
 SIDES = ("left", "right")
 # tracking is off by millimetres: nearer, it tells no scale
-MIN_BASELINE_MM, MAX_BASELINE_MM = (20.0, 1000.0)
+MIN_BASELINE_MM, MAX_BASELINE_MM = 20.0, 1000.0
 MM_PER_M = 1000.0
 UP = (0.0, 1.0, 0.0)  # of ARKit's world and ARCore's
 QUARTER_TURNS = {

@@ -21,9 +21,9 @@ OF_SOME_ITEM = math.log(0.95 / 0.05)
 ONE_MORE_PIECE = -math.log(4.0)  # most foods are left in one piece
 SAME_FOOD = 4.0  # what a food that was told weighs; a person may name another food of the same kind
 # how often the evidence speaks at all; else it says nothing
-SAME_LOOK_SHARE, STAYED_SHARE = (0.7, 0.7)
+SAME_LOOK_SHARE, STAYED_SHARE = 0.7, 0.7
 # CIELAB units a channel: of one food in two photographs; of any two foods
-SAME_LOOK_SD, ANY_LOOK_SD = (10.0, 40.0)
+SAME_LOOK_SD, ANY_LOOK_SD = 10.0, 40.0
 PLACE_SD_MM, TABLE_SD_MM = 15.0, 150.0  # of a place measured twice; of any two things on a table
 NO_SMALLER_SD = 0.1  # relative, of the excess of a piece over what was served
 BOARD_STAYED, BOARD_TURNED, NO_FRAME, ALL_MOVED = 0.6, 0.1, 0.15, 0.15  # before looking
@@ -198,7 +198,7 @@ def _by_two(
     was, at = _centres(served), _centres(left)
     sds = np.array([_place_sd(item) for item in served])
     # from the row's to the column's
-    displacement, across = (was[None] - was[:, None], at[None] - at[:, None])
+    displacement, across = was[None] - was[:, None], at[None] - at[:, None]
     lever, length = (
         np.hypot(*np.moveaxis(across, -1, 0)),
         np.hypot(*np.moveaxis(displacement, -1, 0)),

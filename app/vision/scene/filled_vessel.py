@@ -34,7 +34,7 @@ ASPECTS = (0.4, 0.6, 1.4, 2.0)
 FOOT_SHARES = (0.78, 0.55, 0.55, 0.92)
 FOOT_SHARE_SDS = (0.1, 0.12, 0.12, 0.05)
 # glasses taper evenly, by some two degrees, to a rounded base
-GLASS_FOOT_SHARE, GLASS_POWER = ((0.88, 0.05), 0.9)
+GLASS_FOOT_SHARE, GLASS_POWER = (0.88, 0.05), 0.9
 UPRIGHT = ASPECTS[-1]
 # Of the inside's curve: a cone has 1, a cylinder 0. A plate's flat well turns up in a quarter of an ellipse, 0.27.
 POWERS, POWER_SD = (0.3, 0.45, 0.45, 0.45), 0.16
@@ -49,7 +49,7 @@ HEAP_SHARE = 0.3  # of the surface that must be measured to say so
 # of the library's inside radius in the circle found, which may be the wall's outer edge
 RIM_INSET_MM = (-1.5, 6.0)
 # within which a library vessel's rim must lie: poses scale heights
-RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = (5.0, 0.05)
+RIM_HEIGHT_MM, RIM_HEIGHT_SHARE = 5.0, 0.05
 # of a library vessel's level: a lip is round, and which of its lines is the brim differs
 MODEL_SD_MM = 1.0
 STEP_MM, SLICE_MM = 0.5, 4.0
@@ -57,15 +57,15 @@ MAX_RELATIVE_SD = 0.25  # of the content: more, and no volume is given
 DISC_POINTS = 200
 OPEN_ASPECT, OPEN_COVER = 1.0, 0.65  # height by radius and cover of an upright vessel's rim
 # what may be measured at the rim's height within it
-OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = (4.0, 6.0, 0.15)
+OPEN_INSET_MM, OPEN_TOP_MM, OPEN_TOP_SHARE = 4.0, 6.0, 0.15
 # a rim seen so well may be brimful; of what lies within one that is not, the share that a solid's top has
 SURE_COVER, TOP_SHARE = 0.7, 0.5
 OPEN_FOOT_SHARE = 0.85  # of the rim's radius
 FLOOR_OF_GLASS = 0.9  # of the surface's radius: glasses taper a little
 # outside a rim, where a vessel's wall falls to the table
-BESIDE_MM, BESIDE_LEVEL_MM = ((4.0, 20.0), 8.0)
+BESIDE_MM, BESIDE_LEVEL_MM = (4.0, 20.0), 8.0
 # sectors around a vessel, and the share in which the surface goes on at its height
-SECTORS, PRINT_SECTORS = (16, 0.75)
+SECTORS, PRINT_SECTORS = 16, 0.75
 WINDOW_MM, WINDOW_PX = 5.0, 4  # around a vessel, where the colours beside its surface are taken
 EDGE_PX = 21  # from the surface's outline, where windows of the dense match lie across the rim
 

@@ -17,7 +17,7 @@ from app.vision.views.rectification import RectifiedPair
 
 POINT_RADIUS_SHARE = 0.008  # of the long side: a fingertip
 # of the long side, to a point that no pixel shows; and beyond the nearest one
-NEAREST_SHARE, NEAREST_PX = (0.05, 8.0)
+NEAREST_SHARE, NEAREST_PX = 0.05, 8.0
 TOLERANCE_PX = 1.5  # of an outline's corners, in the photograph
 DECIMALS = 1
 IN_VESSEL = ("in_vessel", "liquid")  # forms of a food that a vessel holds

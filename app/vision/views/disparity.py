@@ -16,7 +16,7 @@ from app.vision.geometry.pictures import grey_of
 from app.vision.model import Float32Array, ImageArray, MaskArray
 
 # reductions: the whole range is searched on the first, what it found on the second
-RANGE_LEVEL, SEARCH_LEVEL = (4, 2)
+RANGE_LEVEL, SEARCH_LEVEL = 4, 2
 # on the range level: 30 px across at full size; what is smaller does not widen the search
 RANGE_SPECKLE_PX = 60
 RANGE_MARGIN_PX = 16.0  # at full size, beyond what was found
@@ -26,7 +26,7 @@ LEVELS = (4, 2, 1)  # reductions on which windows settle; a finer one overrides 
 STEPS = 2  # of Gauss-Newton on each level; the search leaves half a pixel, the level before a tenth
 WINDOW_PX = 9  # on each level: 36, 18 and 9 px of the working image
 # Hirschmueller (2008), P1 and P2, for windows of 3 x 3 px
-SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = (100, 500)
+SMALL_STEP_PENALTY, LARGE_STEP_PENALTY = 100, 500
 SEARCH_WINDOW_PX = 3
 MIN_CORRELATION = 0.6
 MIN_TEXTURE = 1.0  # grey levels, standard deviation in a window: below, it is the sensor's noise that is correlated

@@ -15,7 +15,7 @@ from app.vision.views.features import ALIGNED_SIDE_PX, Matches, undistort_to_pin
 GATE_PX_AT_12MP = 12.0
 GOOD_PX_AT_12MP = 4.0  # the same after refinement
 # of a sure match, at least and in median distances of the good ones
-SURE_PX_AT_12MP, SURE_MEDIANS = (1.6, 3.0)
+SURE_PX_AT_12MP, SURE_MEDIANS = 1.6, 3.0
 LONG_SIDE_12MP = 4000.0
 
 

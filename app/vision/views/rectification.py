@@ -17,7 +17,7 @@ from app.vision.views.features import undistort_to_rays
 # long side of the rectified pair: a food of 50 mm at 500 mm spans some 120 px
 WORKING_SIDE_PX = 1280
 # over the marker's plane: what the disparity search covers
-MIN_HEIGHT_MM, MAX_HEIGHT_MM = (-15.0, 200.0)
+MIN_HEIGHT_MM, MAX_HEIGHT_MM = -15.0, 200.0
 MAP_STEP_PX = 8  # between computed points of the maps: the error of interpolation stays below a hundredth of a pixel
 ALIASING_FREE = 0.9  # of the reduction from photograph to grid: what is left, linear sampling bears
 INVERSE_DEPTH_BASELINE_MM = 10.0  # of a single view: its unit of inverse depth, f B px mm

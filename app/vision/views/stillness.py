@@ -25,7 +25,7 @@ MIN_SHARE_ELSEWHERE = 0.4  # of the ring: what stands beside a marker covers les
 MIN_SHARE_ON_LINES = 0.25  # of the matches beside the board; repeated patterns make wrong ones
 MIN_JUDGED_MATCHES = 20
 # more than a plaque is thick, and standard deviations of a match's height beyond it
-UNDER_MM, UNDER_SD = (14.0, 3.0)
+UNDER_MM, UNDER_SD = 14.0, 3.0
 SURE_HEIGHT_MM = 2.0  # standard deviation up to which a height is sure
 MAX_SHARE_UNDER = 0.2  # of the matches: on a cloth whose pattern repeats some are wrong
 
