@@ -202,6 +202,7 @@ class FloorTuning:
     inner_share: float = 0.85
     grain_sds: float = 2.0  # of the detail, beyond which it is an edge of food or of a pattern
     px_per_fact: float = 12.0  # neighbours share their noise: 4 pi of the finer detail, twice
+    most_correlation: float = 0.99  # of one picture with itself, whose logarithm would be infinite
     most_facts: float = 200.0  # what is no plane correlates by a tenth, however many pixels show it
     least_px: int = 50  # of an area that shows a plane
     # inward from the outline, where food seldom lies and a plate is no longer its rim

@@ -60,11 +60,14 @@ DEEP_SHARE = 0.3  # of the radius: a dish whose rim is higher over the table is 
 
 @dataclass(frozen=True, slots=True)
 class Dish:
-    """inward_mm: (rows, columns) of the top view, distance inward from the outline, negative outside.
+    """A plate, bowl or board.
 
-    rim_mm: the rim's height over the table. floor_mm: of the flat part, where it is known to be as high as the rim (a
-    board's top), else 0, for a plate's plain floor is seldom measured. floor_sd_mm: of a board's top.
-    centre_mm: (2,), radius_mm: of a round dish, else None.
+    inward_mm: (rows, columns) of the top view, distance inward from the outline, negative outside
+    rim_mm: the rim's height over the table
+    floor_mm: a board's top, which is as high as its rim; 0 for other dishes, whose floor is seldom measured
+    floor_sd_mm: standard deviation of a board's top
+    centre_mm: (2,) of a round dish, else None
+    radius_mm: of a round dish, else None
     """
 
     inward_mm: Float32Array
@@ -78,11 +81,6 @@ class Dish:
     def is_deep(self) -> bool:
         """A bowl rather than a plate or board."""
         return self.radius_mm is not None and self.rim_mm > DEEP_SHARE * self.radius_mm
-
-    @property
-    def is_small(self) -> bool:
-        """Round, and no larger than a slice of bread or a steak."""
-        return self.radius_mm is not None and np.pi * self.radius_mm**2 < MIN_SLAB_MM2
 
     def inward_at(self, view: TopView, xy_mm: Float64Array | Float32Array) -> Float32Array:
         """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
@@ -169,21 +167,18 @@ def _best_dish(
     rng: np.random.Generator,
     with_floor: Callable[[Dish], Dish],
 ) -> Dish | None:
-    round_dish, slab = (
-        dish and with_floor(dish)
-        for dish in (
-            _find_round(view, is_solid, noise_mm, rng),
-            _find_slab(view, is_solid, noise_mm),
-        )
-    )
-    # A flat top no larger than a slice of bread or a steak is food, not a board.
-    if round_dish is not None and round_dish.floor_mm > 0 and round_dish.is_small:
-        round_dish = None
+    round_dish = _find_round(view, is_solid, noise_mm, rng)
+    slab = _find_slab(view, is_solid, noise_mm)
     if round_dish is None or slab is None:
-        return round_dish or slab
+        only = round_dish or slab
+        return None if only is None else with_floor(only)
     # A circle fits into any board: it is one only if nothing much of the board lies outside. A round rim is not flat.
     areas = [np.count_nonzero(dish.inward_mm > 0) for dish in (slab, round_dish)]
-    return slab if slab.floor_mm > 0 and areas[0] > BEYOND_CIRCLE * areas[1] else round_dish
+    if areas[0] > BEYOND_CIRCLE * areas[1]:
+        slab = with_floor(slab)
+        if slab.floor_mm > 0:
+            return slab
+    return with_floor(round_dish)
 
 
 def _find_round(

@@ -1,7 +1,7 @@
-"""Plate or board, and how high a board's top lies: where both views show a plane within the dish's rim.
+"""Tell boards from plates, and find the height of a board's top, by the plane that both views show within the rim.
 
-A board is level up to its edge, a plate slopes down to a floor in the lower half of its rim's height. What both views
-show is weighed against that, so that a board is one whatever its colour and however little of it is measured.
+A board is level up to its edge. A plate slopes down to a floor in the lower half of its rim's height. The likelihoods
+of planes are weighed against both, so that neither a colour nor a measured height is needed.
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from app.vision.tuning import FLOOR_TUNING
 
 
 def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Dish:
-    """Return a board with its top, which is its rim and its floor; a dish that is not clearly one as it is."""
+    """Return a board with its top as rim and floor, and any other dish unchanged."""
     if dish.is_deep or scene.sweep is None:
         return dish
     tuning = FLOOR_TUNING
@@ -38,15 +38,15 @@ def with_floor(dish: Dish, scene: Scene, view: TopView, trend: TableTrend) -> Di
 
     def odds(seen: Float64Array) -> float:
         """Return the log odds of a board against a plate. seen: (n,) log likelihoods of the heights."""
-        board, plate = (np.logaddexp.reduce(seen + each) for each in (a_board, a_plate))
+        board = np.logaddexp.reduce(seen + a_board)
+        plate = np.logaddexp.reduce(seen + a_plate)
         return float(board - plate)
 
+    over_marker_mm = heights_mm + table_mm
+    quarters = [scene.sweep.log_likelihoods(part, over_marker_mm) for part in _quarters(ring)]
     # What a single quarter tells may be food that no height shows.
-    quarters = [
-        scene.sweep.log_likelihoods(quarter, heights_mm + table_mm) for quarter in _quarters(ring)
-    ]
-    whole = np.sum(quarters, axis=0)
-    seen = min((whole - quarter for quarter in quarters), key=odds)
+    without_one = [np.sum(quarters, axis=0) - quarter for quarter in quarters]
+    seen = min(without_one, key=odds)
     if odds(seen) < tuning.least_odds:
         return dish
     board = np.exp(seen + a_board - (seen + a_board).max())

@@ -1,6 +1,6 @@
-"""How high a plane lies that an area shows: both views compared as if they saw it there, at one height after another.
+"""Find the height of the plane that an area shows, by comparing both views at one height after another.
 
-No window has to be matched: the grain of a board tells how high it lies where no single pixel's height is known.
+No window has to be matched: the grain of a board tells its height where no pixel's height is known.
 """
 
 from dataclasses import dataclass
@@ -10,13 +10,10 @@ import cv2
 import numpy as np
 
 from app.vision.geometry.masks import window_around
-from app.vision.geometry.pictures import grey_of
+from app.vision.geometry.pictures import blurred, grey_of
 from app.vision.model import Float32Array, Float64Array, ImageArray, MaskArray
 from app.vision.tuning import FLOOR_TUNING
 from app.vision.views.rectification import RectifiedPair
-
-MOST_CORRELATION = 0.99  # of which a logarithm is taken
-LEAST_SHARE = 1e-3  # of an area in its surroundings
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,22 +39,24 @@ class PlaneSweep:
         return cls((first, second), (a, b, c / reduction), float(pair.first_centre_mm[2]))
 
     def log_likelihoods(self, area: MaskArray, heights_mm: Float64Array) -> Float64Array:
-        """Return (n,) log likelihoods of planes that an area shows, the same for all of them if it shows too little.
+        """Return (n,) log likelihoods of planes, all alike if the area shows too little.
 
         area: (h, w)
         heights_mm: (n,) of the planes over the marker's
         """
         window = window_around(area, 0)
         shown = area[window]
-        share = np.maximum(_coarse(shown.astype(np.float32)), LEAST_SHARE)
+        coarse_px = FLOOR_TUNING.detail_px[1]
+        share = blurred(shown.astype(np.float32), coarse_px)
         inner = shown & (share > FLOOR_TUNING.inner_share)
         if np.count_nonzero(inner) < FLOOR_TUNING.least_px:
             return np.zeros(len(heights_mm))
 
         def grain(picture: Float32Array) -> Float32Array:
-            """Return (n,) what is left of a picture within the area, without what lies beside it."""
-            course = _coarse(np.where(shown, picture, np.float32(0.0))) / share
-            return np.asarray((picture - course)[inner], np.float32)
+            """Return (n,) grey levels over their slow course, which nothing beside the area has a part in."""
+            within = np.where(shown, picture, np.float32(0.0))
+            course = blurred(within, coarse_px)[inner] / share[inner]
+            return np.asarray(picture[inner] - course, np.float32)
 
         first = grain(self.pictures[0][window])
         limit = np.float32(FLOOR_TUNING.grain_sds * 1.48 * np.median(np.abs(first)))
@@ -69,7 +68,7 @@ class PlaneSweep:
             second = np.clip(second, -limit, limit)
             norm = float(np.sqrt((first @ first) * (second @ second)))
             correlations[place] = float(first @ second) / max(norm, 1e-6)
-        unexplained = 1.0 - np.clip(correlations, 0.0, MOST_CORRELATION) ** 2
+        unexplained = 1.0 - np.clip(correlations, 0.0, FLOOR_TUNING.most_correlation) ** 2
         facts = 1.0 / (FLOOR_TUNING.px_per_fact / len(first) + 1.0 / FLOOR_TUNING.most_facts)
         return np.asarray(-0.5 * facts * np.log(unexplained))
 
@@ -88,9 +87,4 @@ class PlaneSweep:
 def _fine(image_bgr: ImageArray, reduction: int) -> Float32Array:
     height, width = (-(-side // reduction) for side in image_bgr.shape[:2])
     grey = cv2.resize(grey_of(image_bgr), (width, height), interpolation=cv2.INTER_AREA)
-    fine_px = FLOOR_TUNING.detail_px[0]
-    return np.asarray(cv2.GaussianBlur(grey.astype(np.float32), (0, 0), fine_px), np.float32)
-
-
-def _coarse(picture: Float32Array) -> Float32Array:
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), FLOOR_TUNING.detail_px[1]), np.float32)
+    return blurred(grey.astype(np.float32), FLOOR_TUNING.detail_px[0])

@@ -45,17 +45,19 @@ TYPICAL_BOARD_MM, TYPICAL_BOARD_SD_MM = 16.0, 5.0
 PLANE_DOUBT = 0.3
 RIM_WIDTH_MM = 15.0
 # around a food, where a depth map shows its support
-DEPTH_RING_MM, DEPTH_STEP_MM = ((8.0, 35.0), 25.0)
+DEPTH_RING_MM, DEPTH_STEP_MM = (8.0, 35.0), 25.0
 DEPTH_LEVEL_SD_MM = 1.0
 TYPICAL_TABLE_SD_MM = 1.0  # of a table that only the sheet shows
 
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """height_mm over the marker's plane, sd_mm its standard deviation.
+    """What a food rests on.
 
+    height_mm: over the marker's plane
+    sd_mm: its standard deviation
     source: "table" is measured around the food, "board" within its rim; "floor" is a plate's, measured as far as it
-    can be and otherwise guessed from the rim; "bowl" is guessed: the food hides it.
+        can be and otherwise guessed from the rim; "bowl" is guessed, since the food hides it
     """
 
     height_mm: float
@@ -79,13 +81,13 @@ def find_support(
     table_mm = float(trend.height_mm(middle))
     if not np.isfinite(scene.height_mm).any():
         return _typical_support(dish, table_mm)
+    if dish is not None and dish.floor_mm > 0:
+        sd = float(np.hypot(dish.floor_sd_mm, LEVEL_SD_MM))
+        return Support(table_mm + dish.floor_mm, sd, "board")
     clear_mm = scene.pixel_mm * distance_px(foods)
     if dish is not None and dish.is_deep:
         return Support(table_mm + BOWL_PRIOR[0] * dish.rim_mm, BOWL_PRIOR[1] * dish.rim_mm, "bowl")
     heights = np.nan_to_num(scene.height_mm, nan=np.inf)
-    if dish is not None and dish.floor_mm > 0:
-        sd = float(np.hypot(dish.floor_sd_mm, LEVEL_SD_MM))
-        return Support(table_mm + dish.floor_mm, sd, "board")
     if dish is not None:
         inward = dish.inward_at(view, scene.points_table[..., :2])
         is_floor = (heights > FLOOR_LEAST_MM) & (heights < dish.rim_mm)

@@ -25,7 +25,7 @@ def grain(seed):
 
 
 def seen_at(height_mm, first):
-    """What the second camera shows of a plane over the marker's, whose grain the first one shows."""
+    """Return the second camera's picture of a plane, given the first's. height_mm: over the marker's plane"""
     parallax = DISPARITY_PX * height_mm / (CAMERA_MM - height_mm)
     shift = np.array([[1.0, 0.0, -parallax], [0.0, 1.0, 0.0]])
     return cv2.warpAffine(first, shift, SHAPE[::-1], borderMode=cv2.BORDER_REFLECT)
