@@ -4,8 +4,8 @@
 
 Reads photos/ecustfd of FOLDER (by default TADA_SHARED_DATA or ../shared), and density.xls there, which needs xlrd (dev
 extra). One photograph from above of each specimen, with --side that from the side as well, a 25 mm coin for the scale,
-the camera unknown; a point in the middle of what stands out in its box says where the food is, and with --told the form
-that the food table has for it counts. Specimens are split by their names in two
+the camera unknown; a point in the middle of what stands out in its box says where the food is, and with --told what the
+food table has for it counts. Specimens are split by their names in two
 halves: look at the other one rarely. Two yardsticks, each by the other specimens of the food: their mean volume, and
 their mean ratio of volume to the area of the food's box to the power of 1.5, in coins.
 """
@@ -24,11 +24,11 @@ import cv2
 import numpy as np
 
 from app.core.errors import Failure
-from app.meals.estimate.estimate_json import scale_by
+from app.meals.estimate.estimate_json import scale_by, with_forms
 from app.meals.estimate.run_estimate import run_estimate
-from app.nutrition.foods import load_starter_table
+from app.nutrition.foods import Food, load_starter_table
 from app.vision.looks.vcm_region import MARGIN, SIDE_PX, Box, region_of_box
-from app.vision.model import EstimateOptions, FoodForm, Hint
+from app.vision.model import EstimateOptions, Hint
 from app.vision.photograph.photo import read_photo
 from benchmarks.food_mass import TABLE_FOODS
 from tools.ecustfd import read_specimens
@@ -112,12 +112,16 @@ def half_of(specimen: str) -> str:
     return HALVES[zlib.crc32(specimen.encode()) % 2]
 
 
-def measure(shown: Photographed, form: FoodForm | None, is_side_used: bool) -> Measured:
+def hint_of(shown: Photographed, food: Food | None) -> Hint:
+    """Return where the food is, and what the food table has for it if it is told."""
+    hint = Hint(point=shown.point, food=food.key if food else None)
+    options = with_forms(EstimateOptions(None, hints=(hint,)), {food.key: food} if food else {})
+    return options.hints[0]
+
+
+def measure(shown: Photographed, hint: Hint, is_side_used: bool) -> Measured:
     """Measure one photograph, or two."""
-    scale = scale_by(COIN)
-    options = EstimateOptions(
-        None, known=scale.known, hints=(Hint(point=shown.point, usual_form=form),)
-    )
+    options = EstimateOptions(None, known=scale_by(COIN).known, hints=(hint,))
     answer, _ = run_estimate(
         {"left": shown.photo} | ({"right": shown.side} if is_side_used and shown.side else {}),
         options,
@@ -199,16 +203,17 @@ def main() -> None:
     folder = options.data / "photos" / "ecustfd"
     if not folder.is_dir():
         raise SystemExit(f"There are no photographs in {folder}.")
-    forms = {food.key: food.form for food in load_starter_table().foods}
+    foods = {food.key: food for food in load_starter_table().foods}
     specimens = [
         each for each in photographed(folder, options.half) if options.only in (None, each.label)
     ]
-    usual_forms = [
-        forms.get(TABLE_FOODS.get(each.label, "")) if options.told else None for each in specimens
+    hints = [
+        hint_of(each, foods.get(TABLE_FOODS.get(each.label, "")) if options.told else None)
+        for each in specimens
     ]
     with ProcessPoolExecutor(options.jobs) as processes:
         of_side = [options.side] * len(specimens)
-        rows = list(processes.map(measure, specimens, usual_forms, of_side))
+        rows = list(processes.map(measure, specimens, hints, of_side))
     print(*lines(rows), sep="\n")
 
 

@@ -23,14 +23,16 @@ from app.identification.identifier import Circumstances, Identification, Identif
 from app.identification.kernel_classifier import NONE_PRIOR
 from app.identification.metric import Vectors
 from app.meals.stored.run_answer import VcmAnswer
-from app.nutrition.foods import load_starter_table
+from app.nutrition.foods import FoodForm, load_starter_table
+from app.nutrition.usual_form import FOOD_HEIGHTS
 from app.vision.board.colour_correction import apply_colour, measure_colour
 from app.vision.board.marker import find_marker
 from app.vision.looks.food_boxes import propose_boxes, share_of_smaller
 from app.vision.looks.vcm import VCM_VERSION, describe
 from app.vision.looks.vcm_region import Box, Region, region_of_box, regions_of_whole
 from app.vision.marker_spec import MarkerSpec
-from app.vision.model import ImageArray, Photo
+from app.vision.model import ImageArray, LikelyFood, Photo
+from app.vision.solids.form_prior import FORMS
 
 UNPOINTED_NONE_PRIOR = 0.5  # of a proposed box: it may as well contain the plate
 # probability of none, for all of a photograph, from which on no food fills it: with a food on a
@@ -240,27 +242,26 @@ def form_index_version(index: Path | None) -> str | None:
     return opened.version if opened.vcm_version == VCM_VERSION else None
 
 
-def likely_forms(vector: Vectors, index: Path | None) -> Mapping[str, float]:
-    """Return the probability of each form of a food, by its description (d,).
-
-    They may sum to less than 1.
+def likely_foods(vector: Vectors, index: Path | None) -> list[LikelyFood]:
+    """Return what a food may be by its description (d,), with the form that each candidate usually has.
 
     Foods of another form than `whole`, `slab` and `heap`, and those that the starter table lacks,
-    say nothing; neither does an index that cannot be read. Raises ValueError if the vector is not
+    are left out; an index that cannot be read says nothing. Raises ValueError if the vector is not
     finite.
     """
-    shares: dict[str, float] = {}
     if form_index_version(index) is None:
-        return shares
+        return []
     forms = _usual_forms()
-    for candidate in identifier_of(index).identify(vector).candidates:
-        form = forms.get(candidate.food_key)
-        if form is not None:
-            kept = "whole" if form in WHOLE else form
-            shares[kept] = shares.get(kept, 0.0) + candidate.probability
-    return shares
+    return [
+        LikelyFood(form, candidate.probability, FOOD_HEIGHTS.get(candidate.food_key))
+        for candidate in identifier_of(index).identify(vector).candidates
+        if (form := forms.get(candidate.food_key)) in FORMS
+    ]
 
 
 @cache
-def _usual_forms() -> Mapping[str, str | None]:
-    return {food.key: food.form for food in load_starter_table().foods}
+def _usual_forms() -> Mapping[str, FoodForm]:
+    return {
+        food.key: "whole" if food.form in WHOLE else food.form
+        for food in load_starter_table().foods
+    }

@@ -6,7 +6,7 @@ food names and groups.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from app.nutrition.foods import DensityKind, FoodForm, FoodState
 
@@ -224,4 +224,16 @@ _FORM_OF_GROUP: dict[str, Callable[[str], FoodForm]] = {
     "dairy": _dairy,
     "fats": _fat_or_sweet,
     "sweets": _fat_or_sweet,
+}
+
+# Height over width (the geometric mean of length and breadth) of pieces of the starter table's foods that are flatter
+# than others of their form: from volumes and photographs from above of half of ECUSTFD's specimens (Liang and Li,
+# 2017).
+FOOD_HEIGHTS: Mapping[str, float] = {
+    "banana": 0.55,
+    "bread-white": 0.11,
+    "doughnut": 0.33,
+    "fried-dough-twist": 0.36,
+    "mango": 0.6,
+    "steamed-bun": 0.6,
 }

@@ -147,7 +147,7 @@ def _places(served: Sequence[Sight], left: Sequence[Sight], motion: _Motion) -> 
     )
     own = 2.0 * np.log(any_sd / own_sd) - 0.5 * distance**2 * (own_sd**-2 - any_sd**-2)
     score = np.log(STAYED_SHARE * np.exp(own) + 1.0 - STAYED_SHARE)
-    return np.asarray(np.where(np.isnan(score), 0.0, score), np.float64)
+    return np.where(np.isnan(score), 0.0, score)
 
 
 def _centres(sights: Sequence[Sight]) -> Float64Array:

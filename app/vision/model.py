@@ -169,6 +169,7 @@ class Hint:
     lies_as: str | None = None
     form: FoodForm | None = None
     usual_form: FoodForm | None = None
+    usual_height: float | None = None
     vessel: str | None = None
     slice_form: SliceForm | None = None
 
@@ -178,7 +179,16 @@ class Hint:
         return self.point is not None or self.box is not None or self.polygon is not None
 
 
-FormsByLooks = Callable[[Float64Array], Mapping[str, float]]
+@dataclass(frozen=True, slots=True)
+class LikelyFood:
+    """What a food may be by its looks. probability: 0 to 1. height: over its width, as this food has it, if known."""
+
+    form: FoodForm
+    probability: float
+    height: float | None = None
+
+
+FoodsByLooks = Callable[[Float64Array], Sequence[LikelyFood]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,8 +199,7 @@ class EstimateOptions:
     poses: give it where there is no rig, and no marker or none is seen. camera: for upright pixels; None: from EXIF.
     is_complete: the hints are all that there is, and no other food is looked for. vessels: the study's library. seed:
     for its draws.
-    forms_by_looks: what an index of foods says of a food's form, by its description (d,) of looks/vcm.py: probability
-    of each form, for a single view.
+    foods_by_looks: what an index of foods says of a food, by its description (d,) of looks/vcm.py, for a single view.
     """
 
     marker: MarkerSpec | None
@@ -202,7 +211,7 @@ class EstimateOptions:
     seed: int = 0
     rig: StereoRig | None = None
     poses: KnownPoses | None = None
-    forms_by_looks: FormsByLooks | None = None
+    foods_by_looks: FoodsByLooks | None = None
     known: KnownObject | None = None
 
     @property

@@ -99,6 +99,9 @@ class SingleTuning:
     outline_sd_px: float = 2.0
     kept: int = 9  # families that are fitted finely: one outline tells few of them apart
     rest_sd: float = 0.08  # relative, of a volume: what the side that nobody sees leaves out
+    food_height_sd: float = (
+        0.2  # of the logarithm of height over width, of pieces of one food: ECUSTFD's specimens
+    )
     heap_rest_sd: float = 0.25  # the same of a heap, whose outline is nearly its foot's alone: it hardly shows a height
     # the same of any food seen from the side as well: how it is cut out there, and from how high it was taken;
     # by the share of 28 specimens of ECUSTFD (half of them, by a seed) that the 90 % interval holds
@@ -175,6 +178,13 @@ class ColourTuning:
     # at least, by which a course of light is fitted, if there are so many
     course_points: int = 4000
     settled: float = 0.005  # share of a cut's pixels that change, below which it is the last one
+    # What stands beside a shadow colours half of them. Standard deviation along chroma, bins of colour_bins.py; and by
+    # how much a shadow that leaves no light may be off, units of CIELAB bytes. Chosen on half of ECUSTFD's specimens
+    # (Liang and Li, 2017) and on rendered scenes, whose shadows have little of it.
+    cast_bins: float = 3.0
+    cast: float = 12.0
+    # share of a thing that is surely no shadow, from which on the rest may be one; chosen on the same photographs
+    sure_share: float = 0.4
     unmeasured_px: int = 9  # wide: what a food hides from the second view is narrower
     around_px: int = 21  # side of the square in which the edge of what stands is measured as high
     # Of the heights there: telephones, cutlery, napkins are lower; chosen on development scenes.

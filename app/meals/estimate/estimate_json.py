@@ -13,6 +13,7 @@ from app.core.errors import Failure, InvalidInputError
 from app.meals.stored.outline_json import rings_of
 from app.meals.stored.run_answer import ItemAnswer, Json, RunAnswer
 from app.nutrition.foods import FOOD_FORMS, SLICE_FORMS
+from app.nutrition.usual_form import FOOD_HEIGHTS
 from app.photos.slots import VIEW_SLOTS
 from app.vision.intrinsics import camera_from_mapping, camera_to_json
 from app.vision.known_object import KnownObject, parse_scale
@@ -174,7 +175,12 @@ def _with_form(hint: Hint, food: FormedFood | None) -> Hint:
         return hint
     usual_form = next((form for form in FOOD_FORMS if form == food.form), None)
     slice_form = next((form for form in SLICE_FORMS if form == food.slice_form), None)
-    return replace(hint, usual_form=usual_form, slice_form=slice_form)
+    return replace(
+        hint,
+        usual_form=usual_form,
+        usual_height=FOOD_HEIGHTS.get(hint.food or ""),
+        slice_form=slice_form,
+    )
 
 
 def _item(item: ItemEstimate) -> ItemAnswer:

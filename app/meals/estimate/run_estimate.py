@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from app.candidates.identify_photo import form_index_version, likely_forms
+from app.candidates.identify_photo import form_index_version, likely_foods
 from app.children.child import Arguments, StageListener
 from app.core.errors import Failure
 from app.meals.estimate.estimate_json import answer_of, options_from_json
@@ -29,6 +29,7 @@ from app.vision.model import (
     DepthMap,
     EstimateOptions,
     Float64Array,
+    LikelyFood,
     MealEstimate,
     Photo,
     PhotoPair,
@@ -205,12 +206,12 @@ def run_estimate(
     photos, unused = read
     has_used_index = False
 
-    def forms_by_looks(vector: Float64Array) -> Mapping[str, float]:
+    def foods_by_looks(vector: Float64Array) -> Sequence[LikelyFood]:
         nonlocal has_used_index
         has_used_index = True
-        return likely_forms(vector, index)
+        return likely_foods(vector, index)
 
-    options = replace(options, forms_by_looks=forms_by_looks)
+    options = replace(options, foods_by_looks=foods_by_looks)
     pair = PhotoPair(photos[0], photos[1] if len(photos) > 1 else None, tuple(photos[2:]))
     estimate = estimate_meal(pair, options, on_stage=on_stage, want_artefacts=want_artefacts)
     items = tuple(

@@ -119,7 +119,7 @@ def _fit_intrinsics(
     return (
         calibrated_camera(size, matrix, distortion),
         float(rms),
-        np.asarray(np.ravel(view_rms), np.float64),
+        np.ravel(view_rms),
     )
 
 

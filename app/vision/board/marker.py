@@ -165,7 +165,7 @@ def _rectify_surroundings(photo: Photo, observation: MarkerObservation) -> Float
     inside = cv2.warpPerspective(np.ones_like(grey), to_photo, (size, size), flags=flags).astype(
         np.float64
     )
-    detail = np.asarray(seen - cv2.blur(seen, window), np.float64)
+    detail = seen - cv2.blur(seen, window)
     detail[cv2.blur(inside, window) < 1.0] = np.nan
     from_middle = np.abs((np.arange(size) + 0.5) / SURROUNDINGS_PX - reach)
     sheet_x, sheet_y = (from_middle < side / 2 + 1.5 for side in (spec.columns, spec.rows))

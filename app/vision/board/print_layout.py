@@ -61,7 +61,7 @@ def print_points_mm(spec: MarkerSpec) -> Float64Array:
     rows, columns = np.indices((spec.rows - 1, spec.columns - 1)).reshape(2, -1)
     x = (columns + 1 - spec.columns / 2) * spec.square_mm
     y = (spec.rows / 2 - rows - 1) * spec.square_mm
-    return np.asarray(np.stack([x, y], axis=1), np.float64)
+    return np.stack([x, y], axis=1)
 
 
 def tag_corners_mm(spec: TagBoard, *, is_legacy: bool = False) -> Float64Array:
@@ -74,7 +74,7 @@ def tag_corners_mm(spec: TagBoard, *, is_legacy: bool = False) -> Float64Array:
     x = columns * spec.pitch_mm + (spec.square_mm - spec.width_mm) / 2
     y = (spec.height_mm - spec.square_mm) / 2 - rows * spec.pitch_mm
     middle = np.stack([x, y], axis=1)
-    return np.asarray(middle[:, None] + TAG_CORNERS * spec.tag_mm, np.float64)
+    return middle[:, None] + TAG_CORNERS * spec.tag_mm
 
 
 def seen_squares(marker: MarkerObservation) -> MaskArray:

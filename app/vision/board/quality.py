@@ -136,6 +136,4 @@ def clipped_share(pixels_bgr: ImageArray) -> float:
 
 def _blocks(image: np.ndarray, rows: int, columns: int, block: int) -> ImageArray:
     """(rows, block, columns, block) view of an image cut to whole blocks."""
-    return np.asarray(
-        image[: rows * block, : columns * block].reshape(rows, block, columns, block), np.uint8
-    )
+    return image[: rows * block, : columns * block].reshape(rows, block, columns, block)

@@ -183,7 +183,7 @@ def _fit_rig(
             flags=cv2.CALIB_USE_INTRINSIC_GUESS,
         )
     )
-    rows = [(float(a), float(b), float(c)) for a, b, c in np.asarray(rotation, np.float64)]
+    rows = [(float(a), float(b), float(c)) for a, b, c in rotation]
     x, y, z = (float(value) for value in np.ravel(translation))
     rig = StereoRig(
         calibrated_camera((left.width, left.height), k_left, d_left),
@@ -191,10 +191,8 @@ def _fit_rig(
         (rows[0], rows[1], rows[2]),
         (x, y, z),
     )
-    by_pair = np.sqrt(
-        np.mean(np.square(np.asarray(pair_rms, np.float64).reshape(len(pairs), 2)), axis=1)
-    )
-    return _RigFit(rig, float(rms_px), np.asarray(by_pair, np.float64))
+    by_pair = np.sqrt(np.mean(np.square(pair_rms.reshape(len(pairs), 2)), axis=1))
+    return _RigFit(rig, float(rms_px), by_pair)
 
 
 def _insufficient(count: int, given: int, rejected: Mapping[int, Failure]) -> Failure:

@@ -67,9 +67,7 @@ def ink_gain_px(corners_px: Float64Array, corners_mm: Float64Array) -> float:
     """
     middle_px, middle_mm = corners_px.mean(axis=1), corners_mm.mean(axis=1)
     homography = cv2.findHomography(middle_mm, middle_px)[0]
-    expected = map_points(np.asarray(homography, np.float64), corners_mm.reshape(-1, 2)).reshape(
-        corners_px.shape
-    )
+    expected = map_points(homography, corners_mm.reshape(-1, 2)).reshape(corners_px.shape)
     return float(np.median(_side_lengths(expected) - _side_lengths(corners_px)) / 2)
 
 
@@ -154,7 +152,7 @@ def _normals(corners_px: Float64Array) -> Float64Array:
     normals = np.stack([along[..., 1], -along[..., 0]], axis=-1)
     from_middle = (corners_px + ends) / 2 - corners_px.mean(axis=1, keepdims=True)
     is_inwards = (from_middle * normals).sum(axis=-1, keepdims=True) < 0
-    return np.asarray(np.where(is_inwards, -normals, normals), np.float64)
+    return np.where(is_inwards, -normals, normals)
 
 
 def _side_lengths(corners_px: Float64Array) -> Float64Array:

@@ -36,7 +36,7 @@ class Ellipse:
 
     def points(self) -> Float64Array:
         """Return POINTS places (n, 2) along it, evenly by angle."""
-        return np.asarray(self.centre + (DIRECTIONS * self.half) @ self.axes, np.float64)
+        return self.centre + (DIRECTIONS * self.half) @ self.axes
 
     def normals(self) -> Float64Array:
         """Return the outward normals (n, 2) at the points."""

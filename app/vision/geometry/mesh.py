@@ -139,9 +139,7 @@ def vertex_normals(vertices: Float64Array, mesh: Topology) -> Float64Array:
 
 def summed_around(of_faces: Float64Array, mesh: Topology) -> Float64Array:
     """(n, k) sum over the triangles around each vertex of what each triangle has, (m, k)."""
-    return np.asarray(
-        np.add.reduceat(of_faces.take(mesh.around, axis=0), mesh.around_from), np.float64
-    )
+    return np.add.reduceat(of_faces.take(mesh.around, axis=0), mesh.around_from)
 
 
 def _cross(a: Float64Array, b: Float64Array) -> Float64Array:

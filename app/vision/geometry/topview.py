@@ -73,9 +73,7 @@ class TableTrend:
     def height_mm(self, xy_mm: Float64Array | Float32Array) -> Float64Array:
         """(...,) mm at (..., 2) mm; NaN kept."""
         unit = np.clip(np.asarray(xy_mm, np.float64) / TREND_UNIT_MM, -TREND_LIMIT, TREND_LIMIT)
-        return np.asarray(
-            np.tensordot(self.coefficients, _terms(unit[..., 0], unit[..., 1]), axes=1), np.float64
-        )
+        return np.tensordot(self.coefficients, _terms(unit[..., 0], unit[..., 1]), axes=1)
 
 
 def view_from_above(

@@ -30,7 +30,7 @@ def learned_features(region: Region) -> Float64Array:
         cv2.dnn.blobFromImage(_square(region), 1.0 / SCALE, mean=(GREY, GREY, GREY), swapRB=True)
     )
     activations = np.asarray(network.forward()[0], np.float64)
-    return np.asarray(np.sqrt(activations / max(float(activations.sum()), 1e-12)), np.float64)
+    return np.sqrt(activations / max(float(activations.sum()), 1e-12))
 
 
 def _square(region: Region) -> ImageArray:

@@ -37,7 +37,7 @@ def fundamental_from_points(x: Float64Array, x_second: Float64Array) -> Float64A
     rank_two = left @ np.diag([singular[0], singular[1], 0.0]) @ right
     fundamental = transform_second.T @ rank_two @ transform
     norm = float(np.linalg.norm(fundamental))
-    return np.asarray(fundamental / norm, np.float64) if norm > 0 and np.isfinite(norm) else None
+    return fundamental / norm if norm > 0 and np.isfinite(norm) else None
 
 
 def rectify_by_fundamental(

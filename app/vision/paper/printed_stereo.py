@@ -61,7 +61,7 @@ class PrintedStereo:
 
     def to_table(self, points_mm: Float64Array) -> Float64Array:
         """(n, 3) mm, depth frame -> (n, 3) mm, table frame."""
-        return np.asarray(points_mm @ self.table_to_depth_rotation + self.centre_mm, np.float64)
+        return points_mm @ self.table_to_depth_rotation + self.centre_mm
 
 
 def reconstruct_as_printed(
@@ -163,7 +163,7 @@ class _Side:
 
     def turn(self, camera: Float64Array) -> Float64Array:
         """(3, 3) H as it moves rays, K^-1 H K."""
-        return np.asarray(self.inverse_camera @ self.homography @ camera, np.float64)
+        return self.inverse_camera @ self.homography @ camera
 
     def rays(self, pixels: Float64Array) -> Float64Array:
         """(n, 2) rectified px -> (n, 3) in the camera's frame, one long along the depth axis."""
@@ -182,7 +182,7 @@ class _Side:
         Only there is disparity inversely proportional to depth (eq. 11). The least squares of section IV.B shear H' so
         that disparities vanish in the middle of the scene, where eq. 14 has its pole.
         """
-        return np.asarray(self.rays(pixels) @ self.baseline * self.focal_px, np.float64)
+        return self.rays(pixels) @ self.baseline * self.focal_px
 
     def depth_frame(self) -> Float64Array:
         """(3, 3) camera to depth frame."""
@@ -361,7 +361,4 @@ def _carried(
     rays = rays_table @ pair.rotation.T
     pixels = pair.focal_px * rays[:, :2] / rays[:, 2:] + pair.centre_px
     maps = pixels.reshape(*shape[:2], 2).astype(np.float32)
-    return np.asarray(
-        cv2.remap(mask.astype(np.uint8), maps[..., 0], maps[..., 1], cv2.INTER_NEAREST) > 0,
-        np.bool_,
-    )
+    return cv2.remap(mask.astype(np.uint8), maps[..., 0], maps[..., 1], cv2.INTER_NEAREST) > 0

@@ -93,7 +93,7 @@ def read_confidence(data: bytes, camera: DepthCamera) -> MaskArray | Failure:
     if mismatch is not None:
         return mismatch
     least = 1 if pixels.max() <= HIGHEST_LEVEL else LEAST_CONFIDENCE
-    return np.asarray(pixels >= least, np.bool_)
+    return pixels >= least
 
 
 def measure_noise(depth_mm: Float32Array) -> tuple[float, float]:

@@ -70,7 +70,7 @@ def decode_heic_depth(
         (1 / RELATIVE_MM[0] - 1 / RELATIVE_MM[1]) / (high - low) if not is_metric else 1 / MM_PER_M
     )
     offset = 1 / RELATIVE_MM[1] - low * scale if not is_metric else 0.0
-    per_mm = np.asarray(per_m * np.float32(scale) + np.float32(offset), np.float32)
+    per_mm = per_m * np.float32(scale) + np.float32(offset)
     measured = keep_measured(
         np.where(per_mm > 0, 1 / np.maximum(per_mm, np.float32(1e-9)), np.float32(np.nan))
     )

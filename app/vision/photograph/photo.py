@@ -284,7 +284,7 @@ def _jpeg_pixels(
         )
     except ValueError:
         return None
-    return np.asarray(decoded, np.uint8) if decoded.shape[1::-1] == size else None
+    return decoded if decoded.shape[1::-1] == size else None
 
 
 def _jpeg_scan_offset(data: bytes) -> int | None:

@@ -106,7 +106,7 @@ def places_by_colour(
         else nothing
         for dish, silhouette in zip(layout.dishes, silhouettes, strict=True)
     ]
-    taken = np.asarray(np.any([nothing, *silhouettes, *on_dishes], axis=0), np.bool_)
+    taken = np.any([nothing, *silhouettes, *on_dishes], axis=0)
     on_table = without_specks(
         opened(things & ~dilated(taken, 5), 3), MIN_THING_MM2 / scene.pixel_mm**2
     )
@@ -204,9 +204,12 @@ def _bare_table(scene: Scene) -> MaskArray:
     return (border | around) & (clear_mm > AROUND_SHEET_MM[0]) & _is_table(scene)
 
 
-def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
+def _unlike(
+    scene: Scene, bare: MaskArray, within: MaskArray, *, is_dish: bool = False
+) -> MaskArray:
     """(h, w) what lies on a surface: unlike its bare part in colour, whole and filled. within: where it is sought.
 
+    is_dish: the surface is one, on which what may be a shadow is left out.
     Reduced, for the cut takes long and the food's own outline is sought again.
     """
     height, width = bare.shape
@@ -215,16 +218,20 @@ def _unlike(scene: Scene, bare: MaskArray, within: MaskArray) -> MaskArray:
     small_bare, small_within = (resized(mask, size) for mask in (bare, within))
     image = np.asarray(cv2.resize(scene.image_bgr, size, interpolation=cv2.INTER_AREA), np.uint8)
     things = _unlike_small(
-        image, small_bare, small_within, MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2
+        image,
+        small_bare,
+        small_within,
+        MIN_THING_MM2 * (scale / scene.pixel_mm) ** 2,
+        is_dish=is_dish,
     )
     whole = (
         cv2.resize(things.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR) > 0.5
     )
-    return np.asarray(whole & within, np.bool_)
+    return whole & within
 
 
 def _unlike_small(
-    image_bgr: ImageArray, bare: MaskArray, within: MaskArray, least: float
+    image_bgr: ImageArray, bare: MaskArray, within: MaskArray, least: float, *, is_dish: bool
 ) -> MaskArray:
     """(h, w) the same of a reduced picture. least: area of a thing, px."""
     nothing = np.zeros(bare.shape, np.bool_)
@@ -240,22 +247,56 @@ def _unlike_small(
     common = float(np.quantile(own[bare], COMMON_SHARE))
     apart = _apart_nats(lab, bare)
     ratio = np.log((common + UNSEEN) / (own + UNSEEN)) + apart
-    mask = within & ~bare & (ratio > 0)
+    mask: MaskArray = within & ~bare & (ratio > 0)
     mask = without_specks(opened(mask, 3), least)
-    for _ in range(ROUNDS):
-        if not mask.any():
-            return mask
+
+    def cut(apart: Float32Array, never: MaskArray, teaches_nothing: MaskArray) -> MaskArray:
         inner, outer = mask & (inward_px(mask, 3) > 2), (within | bare) & (distance_px(mask) > 3)
+        inner &= ~teaches_nothing
         if not (inner.any() and outer.any()):
             return mask
         inside, outside = colour_histogram([bins], inner), colour_histogram([bins, *shaded], outer)
-        ratio = colour_evidence(inside, outside)[bins]
-        before = mask
-        mask = cut_in_two((ratio + apart).astype(np.float32), features, ~within, nothing)
-        mask = without_specks(opened(mask, 3), least)
+        ratio = colour_evidence(inside, outside)[bins] + apart
+        again = cut_in_two(ratio.astype(np.float32), features, never, nothing)
+        return without_specks(opened(again, 3), least)
+
+    for _ in range(ROUNDS):
+        before, mask = mask, cut(apart, ~within, nothing)
         if is_settled(mask, before):
             break
+    if is_dish and mask.any():
+        may_be_shadow = _may_be_shadow(lab, bare)
+        shadows = _lesser_parts(mask, may_be_shadow)
+        if shadows.any():
+            unlike = np.where(may_be_shadow, np.float32(0.0), apart)
+            mask = cut(unlike, ~(within & mask), shadows)
     return mask & within
+
+
+def _lesser_parts(mask: MaskArray, may_be_shadow: MaskArray) -> MaskArray:
+    """(h, w) what may be shadow of the parts of a mask that surely are something else for the most part."""
+    lesser = np.zeros_like(mask)
+    for part in components(mask):
+        sure = part & ~may_be_shadow
+        if np.count_nonzero(sure) > COLOUR_TUNING.sure_share * np.count_nonzero(part):
+            lesser |= part & may_be_shadow
+    return lesser
+
+
+def _may_be_shadow(lab: Float32Array, bare: MaskArray) -> MaskArray:
+    """(h, w) as a bare surface may look, lit or in a shadow that what stands beside it colours.
+
+    lab: (h, w, 3), 0-255, evenly lit.
+    """
+    smooth = blurred(lab, 1.0)
+    middle = np.median(smooth[bare], axis=0)
+    off = smooth - middle
+    spread = 1.48 * np.median(np.abs(off[bare]), axis=0) + LEAST_SPREAD
+    lighter = np.maximum(off[..., 0], 0.0) / spread[0]
+    darkness = np.clip(-off[..., :1] / middle[0], 0.0, 1.0)
+    cast = off[..., 1:] / (spread[1:] + COLOUR_TUNING.cast * darkness)
+    away = lighter**2 + (cast**2).sum(axis=-1)
+    return np.asarray(away < USUAL_SPREADS**2, np.bool_)
 
 
 def _apart_nats(lab: Float32Array, bare: MaskArray) -> Float32Array:
@@ -318,17 +359,13 @@ def _course(values: Float32Array, design: Float32Array, where: MaskArray) -> Flo
         course = np.linalg.solve(weighted.T @ rows + ridge, weighted.T @ seen)
         off = np.abs(seen - rows @ course)
         weights = 1.0 / (1.0 + (off / (1.48 * np.median(off) + LEAST_LIGHT_SPREAD)) ** 2)
-    return np.asarray(design @ course, np.float32)
+    return design @ course
 
 
 def _top_grid(scene: Scene) -> TopView:
     """An empty view from above of what the picture shows of the table near the sheet."""
     xy = scene.plane_xy_mm[_is_table(scene)].astype(np.float64)
-    low, high = (
-        (np.asarray(end(xy, axis=0), np.float64) for end in (np.min, np.max))
-        if len(xy)
-        else np.eye(2)
-    )
+    low, high = (end(xy, axis=0) for end in (np.min, np.max)) if len(xy) else np.eye(2)
     columns, rows = (int(cells) for cells in np.ceil((high - low) / CELL_MM) + 1)
     shape = (rows, columns)
     return TopView(low, CELL_MM, np.zeros(shape, np.float32), np.zeros(shape, np.int64))
@@ -439,7 +476,8 @@ def _on_dish(scene: Scene, thing: MaskArray, inward_mm: Float32Array) -> MaskArr
     within = (thing | (inward_mm > 0)) & ~scene.is_ignored
     over = opened(thing & (inward_mm < -BESIDE_RIM_MM / 2), 5) & ~scene.is_ignored
     things = (
-        _unlike(scene, _band(inward_mm, RIM_MM) & within, within) & (inward_mm > -BESIDE_RIM_MM / 2)
+        _unlike(scene, _band(inward_mm, RIM_MM) & within, within, is_dish=True)
+        & (inward_mm > -BESIDE_RIM_MM / 2)
         | over
     )
     deep = inward_mm > 2 * BESIDE_RIM_MM

@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from app.vision.geometry.pictures import blurred, grey_of, lab_bytes
 from app.vision.model import Float32Array, ImageArray, MaskArray
+from app.vision.tuning import COLOUR_TUNING
 
 SHADES = (0.75, 0.55, 0.4, 0.28)  # of the light that may be left in the shadow of a food
 SHADE_WEIGHT = 0.15
+SPREAD_BINS = 1.2  # standard deviation of one surface's colours, at least
+REACH_SDS = 3.5  # of a blur
 BIN_COUNTS = (24, 32, 32)
 LIGHT_WEIGHT = 0.7  # of lightness in the contrast; shadows are contrasts of lightness alone
 CHROMA_GAIN = 2.0
@@ -95,37 +98,38 @@ def shaded_bins(image_bgr: ImageArray) -> list[NDArray[np.int64]]:
 def colour_evidence(first: Float32Array, second: Float32Array) -> Float32Array:
     """Log likelihood of each bin for the first of two histograms over the second."""
     ratio = np.log((first + UNSEEN) / (second + UNSEEN))
-    return np.asarray(np.clip(ratio, -COLOUR_NATS, COLOUR_NATS), np.float32)
+    return np.clip(ratio, -COLOUR_NATS, COLOUR_NATS)
 
 
 def colour_histogram(versions: list[NDArray[np.int64]], where: MaskArray) -> Float32Array:
     """Probability of each bin, smoothed. versions: the bins, and those of the same pixels in shadow, of less weight."""
-    counts = np.zeros(BIN_COUNTS, np.float32)
-    for place, bins in enumerate(versions):
-        weight = 1.0 if place == 0 else SHADE_WEIGHT
-        binned = np.bincount(bins[where], minlength=counts.size).astype(np.float32)
-        counts += weight * binned.reshape(BIN_COUNTS)
-    kernel = cv2.getGaussianKernel(9, 1.2, cv2.CV_32F)
-    flat = cv2.sepFilter2D(
-        counts.reshape(BIN_COUNTS[0] * BIN_COUNTS[1], BIN_COUNTS[2]),
-        -1,
-        kernel,
-        np.ones((1, 1), np.float32),
-        borderType=cv2.BORDER_CONSTANT,
-    ).reshape(BIN_COUNTS)
-    along_a = np.stack(
-        [
-            cv2.sepFilter2D(
-                plane, -1, np.ones((1, 1), np.float32), kernel, borderType=cv2.BORDER_CONSTANT
-            )
-            for plane in flat
-        ]
+    counts = [
+        np.bincount(bins[where], minlength=int(np.prod(BIN_COUNTS))).astype(np.float32)
+        for bins in versions
+    ]
+    smooth = _smoothed(counts[0], SPREAD_BINS)
+    if len(counts) > 1:
+        in_shadow = np.sum(counts[1:], axis=0) * (SHADE_WEIGHT / 2)
+        for spread in (
+            SPREAD_BINS,
+            COLOUR_TUNING.cast_bins,
+        ):  # a shadow that is coloured, and one that is not
+            smooth = smooth + _smoothed(in_shadow, spread)
+    return smooth.ravel() / max(1.0, float(smooth.sum()))
+
+
+def _smoothed(counts: Float32Array, chroma_bins: float) -> Float32Array:
+    """Return counts of all bins (n,), smoothed; chroma_bins: standard deviation along chroma."""
+    by_light = counts.reshape(BIN_COUNTS)
+    along_chroma = [_blurred(plane, (chroma_bins, chroma_bins)) for plane in by_light]
+    flat = np.asarray(along_chroma, np.float32).reshape(BIN_COUNTS[0], -1)
+    return _blurred(flat, (0.0, SPREAD_BINS)).ravel()
+
+
+def _blurred(plane: Float32Array, sds: tuple[float, float]) -> Float32Array:
+    """Return a plane (rows, columns) blurred by sds across and down, nothing beyond it."""
+    size = [2 * round(REACH_SDS * sd) + 1 for sd in sds]
+    blurred_plane = cv2.GaussianBlur(
+        plane, size, sigmaX=sds[0], sigmaY=sds[1], borderType=cv2.BORDER_CONSTANT
     )
-    smooth = cv2.sepFilter2D(
-        along_a.reshape(BIN_COUNTS[0], -1),
-        -1,
-        np.ones((1, 1), np.float32),
-        kernel,
-        borderType=cv2.BORDER_CONSTANT,
-    )
-    return np.asarray(smooth.ravel() / max(1.0, float(smooth.sum())), np.float32)
+    return np.asarray(blurred_plane, np.float32)

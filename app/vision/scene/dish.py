@@ -86,7 +86,7 @@ class Dish:
         """(H, W) distance inward at (H, W, 2) mm; far outside: -100; NaN positions give -100."""
         cells = view.cells_px(xy_mm)
         cv2.patchNaNs(cells, -1e4)
-        return np.asarray(sampled(self.inward_mm, cells, beyond=-100.0), np.float32)
+        return sampled(self.inward_mm, cells, beyond=-100.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -56,7 +56,7 @@ class PlaneSweep:
             """Return (n,) grey levels over their slow course, which nothing beside the area has a part in."""
             within = np.where(shown, picture, np.float32(0.0))
             course = blurred(within, coarse_px)[inner] / share[inner]
-            return np.asarray(picture[inner] - course, np.float32)
+            return picture[inner] - course
 
         first = grain(self.pictures[0][window])
         limit = np.float32(FLOOR_TUNING.grain_sds * 1.48 * np.median(np.abs(first)))

@@ -11,4 +11,4 @@ def sector_of(
 ) -> NDArray[np.int64]:
     """Return the sector, 0 to sectors - 1, in which each offset (x, y) from the middle lies."""
     turn = np.arctan2(y, x) / (2 * np.pi) + 1.0
-    return np.asarray((turn * sectors).astype(np.int64) % sectors, np.int64)
+    return (turn * sectors).astype(np.int64) % sectors

@@ -234,7 +234,7 @@ def _by_colour_beside(
         ]
         is_bowl = place.dish is not None and place.dish.is_deep  # whose content has no form
         if parts and not is_bowl:
-            sure = np.asarray(np.any(parts, axis=0), np.bool_)
+            sure = np.any(parts, axis=0)
             seen = _in_place(around, replace(place, is_sure=sure), is_unseen, is_hinted=False)
             own = [each.mask for each in seen]
             if place.is_measured:
@@ -366,7 +366,7 @@ def _find_foods(
         drawn, [hint.is_box for hint in hints], [each.mask for each in seen], scene, places
     )
     if not has_heights:
-        taken = np.asarray(np.any([taken, *masks], axis=0), np.bool_)
+        taken = np.any([taken, *masks], axis=0)
         seen = [replace(each, mask=_without_hole(each.mask, taken, scene)) for each in seen]
         masks = [_without_hole(mask, taken, scene) for mask in masks]
     hinted = [

@@ -143,7 +143,7 @@ class _Footprint:
     def outside_mm(self, xy_mm: Float32Array) -> Float32Array:
         """(h, w) distance from the footprint, 0 within it, at (h, w, 2); FAR_MM where it is far or not known."""
         cells = np.nan_to_num((xy_mm - self._low) / CELL_MM - 0.5, nan=-1e4).astype(np.float32)
-        return np.asarray(sampled(self._outside_mm, cells, beyond=FAR_MM), np.float32)
+        return sampled(self._outside_mm, cells, beyond=FAR_MM)
 
     def carried_down(self, scene: Scene, level_mm: float, floor_mm: float) -> MaskArray:
         """(h, w) pixels whose rays pass below the top, anywhere between its level and the floor."""

@@ -31,18 +31,18 @@ def average_forms(
     """The families' volumes averaged by their evidence and what is known of the form; the likeliest one's slices.
 
     Also the height that it rests at, mm, and flags. pair_sd: relative, what all foods of the photographs share.
-    likely: of a single view's food of which prior says nothing.
+    likely: of a single view's food whose form no person says; it goes before prior.
     """
     log_evidence, misfit = _log_evidence(fits)
     weights = np.exp(log_evidence)
     if is_single:
         weights *= _equal_forms([fit.form.name for fit in fits])
     flags: Flags = ()
-    if prior is None and likely is not None:
+    if likely is not None:
         weights *= [likely.factor(fit.form.name) for fit in fits]
-    if prior is not None:
+    elif prior is not None:
         names = [fit.form.name for fit in fits]
-        weights *= [prior.share(name) if is_single else prior.factor(name) for name in names]
+        weights *= [prior.factor(name) for name in names]
         best_last = zip(names[::-1], log_evidence[::-1].tolist(), strict=True)
         flags = ("form_unlikely",) if prior.is_unlikely(dict(best_last)) else ()
     weights /= weights.sum()

@@ -4,7 +4,7 @@ A hint, or the foods that one photograph may show -> the factor of each family's
 against what a person said.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import cast
 
@@ -17,10 +17,15 @@ from app.vision.model import (
     Float32Array,
     FoodForm,
     Hint,
+    LikelyFood,
     Photo,
 )
 from app.vision.scene.segmentation import Foods
 from app.vision.solids.outlines import rings_of
+from app.vision.tuning import SINGLE_TUNING
+
+# of families: over the width, and the spread of the logarithm
+Heights = Mapping[str, tuple[float, float]]
 
 # A food that lies is also called whole. What a liquid or a vessel's content looks like says nothing of these families.
 FAMILIES_OF_FORM: Mapping[FoodForm, frozenset[str]] = {
@@ -47,16 +52,6 @@ class FormPrior:
         """Of a family's weight, 1 for those of the form."""
         return 1.0 if family in self.families else 1.0 / self.odds
 
-    def share(self, family: str) -> float:
-        """The same of a single view, where the other forms share those odds."""
-        others = sum(
-            1
-            for form, families in FAMILIES_OF_FORM.items()
-            if form != "lying" and self.families != families
-        )
-        odds = self.odds if self.is_said else SINGLE_TABLE_ODDS
-        return 1.0 if family in self.families else 1.0 / (odds * max(others, 1))
-
     def is_unlikely(self, log_evidence: Mapping[str, float]) -> bool:
         """Whether the picture outweighs a person's word. log_evidence: of the families that were fitted, by name."""
         if not self.is_said or not log_evidence:
@@ -67,9 +62,9 @@ class FormPrior:
 
 @dataclass(frozen=True, slots=True)
 class LikelyForms:
-    """probabilities: of the forms that a food's candidates usually have, 0 to 1; their sum may be less than 1."""
+    """What a food's candidates say of its form. The sum of their probabilities may be less than 1."""
 
-    probabilities: Mapping[str, float]
+    foods: Sequence[LikelyFood]
 
     def factor(self, family: str) -> float:
         """Return the factor of a family's weight.
@@ -77,13 +72,47 @@ class LikelyForms:
         It sums the probability of the family's own form, a small share of the other forms' probability, and a third of
         what no candidate accounts for.
         """
+        candidates = sum(food.probability for food in self.foods)
         of_family = sum(
-            self.probabilities.get(form, 0.0) for form in FORMS if family in FAMILIES_OF_FORM[form]
+            (food.probability for food in self.foods if family in FAMILIES_OF_FORM[food.form]), 0.0
         )
-        candidates = sum(self.probabilities.get(form, 0.0) for form in FORMS)
-        unknown, other_forms = max(1.0 - candidates, 0.0), len(FORMS) - 1
+        other_forms = len(FORMS) - 1
         of_others = (candidates - of_family) / (SINGLE_TABLE_ODDS * other_forms)
-        return of_family * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + of_others + unknown / len(FORMS)
+        return of_family * (1.0 - 1.0 / SINGLE_TABLE_ODDS) + of_others + self._unknown / len(FORMS)
+
+    def heights(self, usual: Heights) -> Heights:
+        """Return what the candidates whose heights are known, and the family's usual height for all else, say together.
+
+        A family without a usual one has theirs if they are likelier than all else.
+        """
+        together: dict[str, tuple[float, float]] = {}
+        for family in frozenset().union(*FAMILIES_OF_FORM.values()):
+            of_form = [food for food in self.foods if family in FAMILIES_OF_FORM[food.form]]
+            parts = [
+                (food.probability, float(np.log(food.height)), SINGLE_TUNING.food_height_sd)
+                for food in of_form
+                if food.height is not None
+            ]
+            known = sum(probability for probability, _, _ in parts)
+            rest = sum(food.probability for food in of_form) - known + self._unknown / len(FORMS)
+            if known > (0.0 if family in usual else rest):
+                if family in usual:
+                    parts.append((rest, float(np.log(usual[family][0])), usual[family][1]))
+                together[family] = _moments(parts)
+        return {**usual, **together}
+
+    @property
+    def _unknown(self) -> float:
+        """The probability that it is none of the candidates."""
+        return max(1.0 - sum(food.probability for food in self.foods), 0.0)
+
+
+def _moments(parts: Sequence[tuple[float, float, float]]) -> tuple[float, float]:
+    """Return height and spread of its logarithm of a mixture. parts: weight, logarithm of the height, spread."""
+    weight, log_height, sd = np.array(parts).T
+    weight = weight / weight.sum()
+    mean = float(weight @ log_height)
+    return float(np.exp(mean)), float(np.sqrt(weight @ (sd**2 + (log_height - mean) ** 2)))
 
 
 def form_prior(hint: Hint | None) -> FormPrior | None:
@@ -106,21 +135,20 @@ def likely_forms(
     colour: ColourCorrection,
     options: EstimateOptions,
 ) -> list[LikelyForms | None]:
-    """The forms that each region may have by its looks in a single view, where its outline hardly tells.
+    """The forms that each region may have in a single view, where an outline hardly tells: by its food or its looks.
 
-    None where a hint tells, or nothing can be described. places: (H, W, 2) px, see outlines.photograph_px.
+    None where a person says the form, or nothing can be described. places: (H, W, 2) px, see outlines.photograph_px.
     """
-    if options.forms_by_looks is None:
-        return []
     likely: list[LikelyForms | None] = []
     for region in foods.regions:
-        vector = None
         hint = options.hints[region.hint] if region.hint is not None else None
-        if form_prior(hint) is None:
+        prior = form_prior(hint)
+        seen: Sequence[LikelyFood] | None = None
+        if hint is not None and prior is not None and not prior.is_said:
+            seen = [LikelyFood(cast("FoodForm", hint.usual_form), 1.0, hint.usual_height)]
+        elif prior is None and options.foods_by_looks is not None:
             rings = rings_of(region.mask, places, is_swapped=False)
             vector = describe_rings(photo.pixels_bgr, rings, colour)
-        if vector is None:
-            likely.append(None)
-        else:
-            likely.append(LikelyForms(options.forms_by_looks(vector.astype(np.float64))))
+            seen = None if vector is None else options.foods_by_looks(vector.astype(np.float64))
+        likely.append(None if seen is None else LikelyForms(seen))
     return likely

@@ -9,9 +9,10 @@ visible side what the hidden one is like (Thrun and Wegbreit, 2005).
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import cv2
 import numpy as np
@@ -44,6 +45,7 @@ SPREAD = np.array(
 # What is wide and low rests on its flat side: it tilts by what its support and its own unevenness make of it. Wider,
 # a ball whose outlines alone are seen would be flat along the line of sight.
 STANDING, TILT_SD = ("ball", "slab", "ring"), 0.15
+LYING = ("lying", "bent")  # whose axis C lies on the support
 SUPPORT_BOUND = 2.0  # sd, within which the support stays
 _PLACING = (X, Y, SUPPORT, TURN_X, TURN_Y, TURN_Z)
 AT_FOOT = 1e-6  # of a unit direction's height: on the equator
@@ -58,10 +60,14 @@ class Form(ABC):
 
     parameters: (p,) start, see the indices above or those of the family's own module; X, Y and SUPPORT are the same in
     all. free: those that are fitted. support_sd_mm: spread of SUPPORT.
-    axes: (3, 3) the form's own axes as columns, table frame. height_ratio: mean and spread of the logarithm of its
+    axes: (3, 3) the form's own axes as columns, table frame. usual_height: mean and spread of the logarithm of its
     height over its width, for views that hardly tell them apart. is_round: whether its section across C is, as of what
     grows round a stalk; the side that nobody sees is as deep as the one that is seen is wide.
     """
+
+    # (p,) the most that a parameter may change at one step, and what it is moved by for a difference
+    parameter_stride: ClassVar[Float64Array] = STRIDE
+    parameter_step: ClassVar[Float64Array] = STEP
 
     name: str
     parameters: Float64Array
@@ -70,12 +76,15 @@ class Form(ABC):
     support_sd_mm: float
     has_displacement: bool = True
     is_round: bool = False
-    height_ratio: tuple[float, float] | None = None
+    usual_height: tuple[float, float] | None = None
 
     @property
-    def height_over(self) -> tuple[int, tuple[int, int]]:
-        """The parameter whose logarithm height_ratio counts, and the two over whose mean it does."""
-        return C, (A, B)
+    def height_over_width(self) -> tuple[Mapping[int, float], float]:
+        """The factors of parameters, and what is added, that make the logarithm of height over width.
+
+        Width is the geometric mean of length and breadth. The height's own factor is 1, the only one over 0.
+        """
+        return {C: 1.0, A: -0.5, B: -0.5}, 0.0
 
     @property
     def is_flat(self) -> bool:
@@ -107,18 +116,25 @@ class Form(ABC):
         if self.is_round:
             section = [self.free.index(A), self.free.index(B)]
             out[section] = out[section].mean()
-        return self._at_ratio(out)
+        return self._as_high_as_usual(out)
 
-    def _at_ratio(self, unknowns: Float64Array) -> Float64Array:
-        """(k,) the unknowns with the height that height_ratio expects over their width."""
-        if self.height_ratio is None:
+    def _as_high_as_usual(self, unknowns: Float64Array) -> Float64Array:
+        """(k,) the unknowns with the height that usual_height expects over their width."""
+        if self.usual_height is None:
             return unknowns
-        height, width = self.height_over
+        tie, added = self._height_tie
         out = unknowns.copy()
-        out[self.free.index(height)] = (
-            out[[self.free.index(each) for each in width]].mean() + self.height_ratio[0]
-        )
+        out[tie.argmax()] += self.usual_height[0] - float(tie @ unknowns) - added
         return out
+
+    @property
+    def _height_tie(self) -> tuple[Float64Array, float]:
+        """(k,) factors of the unknowns, and what is added; see height_over_width."""
+        factors, added = self.height_over_width
+        tie = np.zeros(len(self._prior_sd))
+        for parameter, factor in factors.items():
+            tie[self.free.index(parameter)] = factor
+        return tie, added
 
     @property
     def prior_precision(self) -> Float64Array:
@@ -128,13 +144,9 @@ class Form(ABC):
             tie = np.zeros(len(out))
             tie[self.free.index(A)], tie[self.free.index(B)] = 1.0 / ROUND_SD, -1.0 / ROUND_SD
             out += np.outer(tie, tie)
-        if self.height_ratio is not None:
-            height, width = self.height_over
-            tie = np.zeros(len(out))
-            tie[self.free.index(height)] = 1.0
-            for each in width:
-                tie[self.free.index(each)] -= 0.5
-            out += np.outer(tie, tie) / self.height_ratio[1] ** 2
+        if self.usual_height is not None:
+            tie, _ = self._height_tie
+            out += np.outer(tie, tie) / self.usual_height[1] ** 2
         return out
 
     @property
@@ -144,7 +156,7 @@ class Form(ABC):
         bound = -2 * float(np.log(spread[np.isfinite(spread)]).sum())
         bound -= 2 * float(np.log(ROUND_SD)) if self.is_round else 0.0
         return (
-            bound if self.height_ratio is None else bound - 2 * float(np.log(self.height_ratio[1]))
+            bound if self.usual_height is None else bound - 2 * float(np.log(self.usual_height[1]))
         )
 
     @property
@@ -156,16 +168,6 @@ class Form(ABC):
         if self.name in STANDING:
             spread[[TURN_X, TURN_Y]] = TILT_SD
         return spread
-
-    @property
-    def parameter_stride(self) -> Float64Array:
-        """(p,) the most that a parameter may change at one step."""
-        return STRIDE
-
-    @property
-    def parameter_step(self) -> Float64Array:
-        """(p,) by which a parameter is moved for a difference that stands for a derivative."""
-        return STEP
 
     @property
     def _prior_sd(self) -> Float64Array:
@@ -294,6 +296,13 @@ class Superellipsoid(Form):
     sunk_sd_mm: float = float(SPREAD[SUNK])
 
     @property
+    def height_over_width(self) -> tuple[Mapping[int, float], float]:
+        """See Form. A heap is cut in its middle; what lies has its height across."""
+        if self.name in LYING:
+            return {B: 1.0, A: -0.5, C: -0.5}, 0.0
+        return {C: 1.0, A: -0.5, B: -0.5}, -float(np.log(2)) if self.name == "heap" else 0.0
+
+    @property
     def parameter_sd(self) -> Float64Array:
         """See Form."""
         spread: Float64Array = Form.parameter_sd.__get__(self)
@@ -403,7 +412,7 @@ def _waves(weights: Float64Array, cells: int) -> Float64Array:
     """(n,) displacement of each vertex, mean radii."""
     if len(weights) == 0:
         return np.zeros(len(sphere(cells).places))
-    return np.asarray(harmonics(cells) @ weights, np.float64)
+    return harmonics(cells) @ weights
 
 
 def _cut(p: Float64Array, directions: Float64Array, waves: Float64Array) -> Float64Array:
@@ -469,7 +478,7 @@ def _mean_radii(p: Float64Array) -> Float64Array:
 
 def _power(base: Float64Array, exponent: Float64Array) -> Float64Array:
     """Signed power, as in Barr's parametrisation."""
-    return np.asarray(np.sign(base) * np.abs(base) ** exponent, np.float64)
+    return np.sign(base) * np.abs(base) ** exponent
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,9 +490,12 @@ class Ring(Form):
     """
 
     @property
-    def height_over(self) -> tuple[int, tuple[int, int]]:
-        """The tube's, over the tube's width."""
-        return C, (B, B)
+    def height_over_width(self) -> tuple[Mapping[int, float], float]:
+        """See Form. Its width is that of middle line and tube together, whose logarithm is linear about the start."""
+        parts = np.exp(self.parameters[[A, B]])
+        of_line, of_tube = parts / parts.sum()
+        added = of_line * self.parameters[A] + of_tube * self.parameters[B] - np.log(parts.sum())
+        return {C: 1.0, A: -of_line, B: -of_tube}, float(added)
 
     @property
     def weight_sd(self) -> Float64Array:

@@ -304,7 +304,7 @@ def _of_parallax(placed: _Placed, field: ParallaxField) -> Misfits:
 def _ramp(value: Float64Array, low: float, high: float) -> Float64Array:
     """(n,) from 0 at low to 1 at high, with a continuous slope."""
     share = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return np.asarray(share * share * (3 - 2 * share), np.float64)
+    return share * share * (3 - 2 * share)
 
 
 def _together(parts: list[Misfits]) -> Misfits | None:

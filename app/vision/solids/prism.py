@@ -5,8 +5,10 @@ the walls, a lean, a slope and a crown of the top, bulging sides, and corners th
 displacement of walls and top for dents, crusts and what else is left.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,12 +49,15 @@ class Prism(Form):
     parameters: (9,), see the indices of this module.
     """
 
+    parameter_stride: ClassVar[Float64Array] = STRIDE
+    parameter_step: ClassVar[Float64Array] = STEP
+
     corners: int = 4
 
     @property
-    def height_over(self) -> tuple[int, tuple[int, int]]:
+    def height_over_width(self) -> tuple[Mapping[int, float], float]:
         """See Form; the whole height over half the width."""
-        return HEIGHT, (A, B)
+        return {HEIGHT: 1.0, A: -0.5, B: -0.5}, -float(np.log(2))
 
     @property
     def is_flat(self) -> bool:
@@ -88,21 +93,11 @@ class Prism(Form):
         )
 
     @property
-    def parameter_stride(self) -> Float64Array:
-        """See Form."""
-        return STRIDE
-
-    @property
-    def parameter_step(self) -> Float64Array:
-        """See Form."""
-        return STEP
-
-    @property
     def expected(self) -> Float64Array:
         """See Form; a wedge that begins skewed is expected none the more so."""
         out = self.start
         out[self.free.index(SKEW)], out[self.free.index(ROUNDING)] = 0.0, np.log(ROUNDING_MM)
-        return self._at_ratio(out)
+        return self._as_high_as_usual(out)
 
     def topology(self, cells: int) -> Topology:
         """Loops of the outline, one above the other."""

@@ -82,8 +82,7 @@ class Seen:
     def _is_dense(self) -> MaskArray:
         """(H, W) whether the whole pair's map is known, clear of the food's outline."""
         dense = self.dense
-        is_known = np.isfinite(dense.parallax_px) & (self.inward_px > dense.reach_px + 1)
-        return np.asarray(is_known, np.bool_)
+        return np.isfinite(dense.parallax_px) & (self.inward_px > dense.reach_px + 1)
 
     @property
     def _by_pair(self) -> ParallaxField | None:

@@ -21,7 +21,7 @@ from app.vision.solids.bowl import measure_content
 from app.vision.solids.families import families
 from app.vision.solids.form_average import Flags, average_forms, likely_fits, log_normal_volume
 from app.vision.solids.form_fit import FormFit, fit_form
-from app.vision.solids.form_prior import FormPrior, LikelyForms, form_prior
+from app.vision.solids.form_prior import FormPrior, Heights, LikelyForms, form_prior
 from app.vision.solids.forms import COARSE, FINE, Form
 from app.vision.solids.measured_item import (
     NORMAL_90,
@@ -41,7 +41,12 @@ from app.vision.solids.outline_snap import (
 from app.vision.solids.prism_starts import begin_prisms
 from app.vision.solids.seen import Seen
 from app.vision.solids.side_view import SideView
-from app.vision.solids.single_starts import HEIGHT_RATIOS, single_view_forms, upright
+from app.vision.solids.single_starts import (
+    USUAL_HEIGHTS,
+    single_view_forms,
+    upright,
+    with_usual_height,
+)
 from app.vision.solids.surface_match import (
     average_along,
     draw_mask,
@@ -194,7 +199,7 @@ class _Scene:
         if support is None:
             return TUNING.support_unknown_mm, TUNING.support_unknown_sd_mm
         middle = np.median(points[:, :2].astype(np.float64), axis=0)
-        table_mm = float(self.foods.table.height_mm(np.asarray(middle, np.float64)))
+        table_mm = float(self.foods.table.height_mm(middle))
         return support.height_mm - table_mm, max(support.sd_mm, TUNING.least_support_sd_mm)
 
     def _in_front(self, number: int) -> tuple[MaskArray, MaskArray]:
@@ -277,15 +282,19 @@ def _is_hidden(line: Outline, hidden_by: MaskArray) -> MaskArray:
     return hidden_by[row, column]
 
 
-def _fit_families(food: _Food, prior: FormPrior | None) -> tuple[list[FormFit], Seen]:
+def _fit_families(
+    food: _Food, prior: FormPrior | None, heights: Heights
+) -> tuple[list[FormFit], Seen]:
     """Fits, those of the best evidence first, and what they were fitted to: all coarsely, the better ones finely.
 
-    Of the form that is known beforehand, the best one is among these.
+    Of the form that is known beforehand, the best one is among these. heights: see single_view_forms.
     """
     camera = food.sight.cameras_mm[0]
     forms = families(food.points, food.mask_mm2, food.support_mm, food.support_sd_mm, camera)
     if len(food.points) == 0:
-        forms = single_view_forms(food.sight, food.seen.mask, food.support_mm, food.support_sd_mm)
+        forms = single_view_forms(
+            food.sight, food.seen.mask, food.support_mm, food.support_sd_mm, heights
+        )
         if food.seen.side is not None:
             forms = [upright(form) for form in forms]
     elif forms:
@@ -294,10 +303,7 @@ def _fit_families(food: _Food, prior: FormPrior | None) -> tuple[list[FormFit], 
             food.sight, food.seen.mask, height_mm, food.support_mm, food.support_sd_mm
         )
     hinted_families = prior.families if prior is not None else ()
-    plain = [
-        replace(form, has_displacement=False, height_ratio=HEIGHT_RATIOS.get(form.name))
-        for form in forms
-    ]
+    plain = [replace(with_usual_height(form, heights), has_displacement=False) for form in forms]
     ranked = _coarse_fits(food, plain, hinted_families)
     kept = SINGLE_TUNING.kept if food.is_single else TUNING.kept
     of_form = [fit for fit in ranked[kept:] if fit.form.name in hinted_families]
@@ -420,13 +426,13 @@ def _measured(
     result = _of_bowl(region, food, scene, pair_sd) if region.vessel is not None else None
     seen_again = None
     if result is None:
-        fits, seen = _fit_families(food, prior)
+        likely = likely if food.is_single else None
+        heights = USUAL_HEIGHTS if likely is None else likely.heights(USUAL_HEIGHTS)
+        fits, seen = _fit_families(food, prior, heights)
         seen_again = _seen_again(food, seen)
         if not fits or (region.is_by_colour and not _stands(fits[0], seen_again)):
             return None
-        result = average_forms(
-            fits, pair_sd, prior, likely if food.is_single else None, is_single=food.is_single
-        )
+        result = average_forms(fits, pair_sd, prior, likely, is_single=food.is_single)
     volume, support_mm, flags = result
     if not food.is_single and is_low_texture(np.isfinite(scene.disparity.parallax_px), region.mask):
         flags = (*flags, "low_texture")

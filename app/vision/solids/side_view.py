@@ -47,7 +47,7 @@ class SideView:
     def project(self, points: Float64Array, pose: Float64Array) -> Float64Array:
         """(n, 3) mm -> (n, 2) px."""
         seen = self._in_camera(points, pose)
-        return np.asarray(self.focal_px * seen[:, :2] / seen[:, 2:] + pose[SHIFT], np.float64)
+        return self.focal_px * seen[:, :2] / seen[:, 2:] + pose[SHIFT]
 
     def pixel_gradient(self, points: Float64Array, pose: Float64Array) -> Float64Array:
         """(n, 2, 3) derivative of the pixel by the point, px/mm."""

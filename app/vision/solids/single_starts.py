@@ -5,7 +5,6 @@ upwards, seen at an elevation e, covers 2 a by 2 sqrt(b^2 + c^2 cot^2 e) of a le
 that its kind usually has, the silhouette gives all three.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import cv2
@@ -13,47 +12,47 @@ import numpy as np
 
 from app.vision.model import Float64Array, MaskArray
 from app.vision.solids.families import MAX_ASPECT, MIN_HALF_MM, Extent, Rectangle, begin_families
-from app.vision.solids.forms import E1, STANDING, TURN_X, TURN_Y, Form, Superellipsoid
+from app.vision.solids.form_prior import Heights
+from app.vision.solids.forms import E1, LYING, STANDING, TURN_X, TURN_Y, Form, Superellipsoid
 from app.vision.solids.prism_starts import begin_prisms, cast
 from app.vision.views.sight import Sight
 
-# Mean and spread of the logarithm of height over width, see Form.height_over. Measured on the side photographs of
-# ECUSTFD (Liang and Li, 2017): apple, orange, peach, plum, lemon, litchi, kiwifruit, pear and tomato are 0.70 to 0.99
-# as high as wide; bread, mooncake, sachima and bun 0.22 to 0.62; a doughnut 0.36, its tube as high as it is thick. A
-# heap is nowhere steeper than its angle of repose t, 20 to 45 degrees for food: a dome, which has it at its foot alone,
-# is tan(t / 2) / 2 as high as wide, a cone tan(t) / 2, together 0.09 to 0.5 with 0.21 in the middle; it is cut in its
-# middle, so that its height changes by twice what its half-axis does. What lies is round across, as in a pair.
-HEIGHT_RATIOS: Mapping[str, tuple[float, float]] = {
-    "ball": (float(np.log(0.87)), 0.18),
-    "heap": (float(np.log(2 * 0.21)), 0.21),
-    "slab": (float(np.log(0.38)), 0.5),
-    "ring": (0.0, 0.2),
-    "block": (float(np.log(2 * 0.38)), 0.5),
-    "wedge": (float(np.log(2 * 0.38)), 0.5),
+# Height over width, and the spread of its logarithm. Measured on the side photographs of ECUSTFD (Liang and Li, 2017):
+# apple, orange, peach, plum, lemon, litchi, kiwifruit, pear and tomato are 0.70 to 0.99 as high as wide; bread,
+# mooncake, sachima and bun 0.22 to 0.62; a doughnut 0.36. A heap is nowhere steeper than its angle of repose t, 20 to
+# 45 degrees for food: a dome, which has it at its foot alone, is tan(t / 2) / 2 as high as wide, a cone tan(t) / 2,
+# together 0.09 to 0.5 with 0.21 in the middle; it is cut in its middle, so that its height changes by twice what its
+# half-axis does. What lies is round across, as in a pair.
+USUAL_HEIGHTS: Heights = {
+    "ball": (0.87, 0.18),
+    "heap": (0.21, 0.21),
+    "slab": (0.38, 0.5),
+    "ring": (0.36, 0.2),
+    "block": (0.38, 0.5),
+    "wedge": (0.38, 0.5),
 }
-HEIGHT_OF_WIDTH: Mapping[str, float] = {
-    "heap": 0.21,
-    "slab": 0.38,
-    "ring": 0.36,
-    "ball": 0.87,
-    "lying": 1.0,
-    "bent": 1.0,
-}
+LYING_HEIGHT = 1.0  # over the width across, where such a food begins
 # its volume half of base times height: between a cone's third and a dome's two
 HEAP_LOG_EXPONENT = float(np.log(1.35))
 HEAP_SUNK_SD_MM = 2.0
-SLABS = (0.2, 0.5)  # other heights of a slab over its width that are tried
 ROUNDS = 30
 MIN_CAST_PX = 30
 
 
 def single_view_forms(
-    sight: Sight, mask: MaskArray, support_mm: float, support_sd_mm: float
+    sight: Sight,
+    mask: MaskArray,
+    support_mm: float,
+    support_sd_mm: float,
+    heights: Heights = USUAL_HEIGHTS,
 ) -> list[Form]:
-    """Forms to try of a food whose mask (H, W) is all that is known. Empty where its rays miss the support."""
+    """Forms to try of a food whose mask (H, W) is all that is known. Empty where its rays miss the support.
+
+    heights: of families, over their widths, with the spread of the logarithm.
+    """
     forms: list[Form] = []
-    heights = [*HEIGHT_OF_WIDTH.items(), *(("slab", height) for height in SLABS)]
-    for name, height_of_width in heights:
+    for name in ("heap", "slab", "ring", "ball", *LYING):
+        height_of_width = LYING_HEIGHT if name in LYING else heights[name][0]
         extent = _extent(sight, mask, support_mm, height_of_width)
         if extent is not None:
             forms += [
@@ -61,10 +60,18 @@ def single_view_forms(
                 for each in begin_families(extent, support_mm, support_sd_mm)
                 if each.name == name
             ]
-    extent = _extent(sight, mask, support_mm, HEIGHT_OF_WIDTH["slab"])
+    extent = _extent(sight, mask, support_mm, heights["slab"][0])
     if extent is not None:
         forms += begin_prisms(sight, mask, extent.height_mm, support_mm, support_sd_mm)
     return [_as_usual_heap(form) for form in forms]
+
+
+def with_usual_height(form: Form, heights: Heights) -> Form:
+    """Return the form with the height that its family usually has; none where nothing is known of it."""
+    if form.name not in heights:
+        return form
+    height, sd = heights[form.name]
+    return replace(form, usual_height=(float(np.log(height)), sd))
 
 
 def upright(form: Form) -> Form:

@@ -135,7 +135,7 @@ def _sure(
 def _per_mm(pair: RectifiedPair, measured: DisparityMap) -> Float32Array:
     """(H, W) px of disparity for one mm of depth."""
     squared = pair.disparity_from_parallax(measured.parallax_px) ** 2
-    return np.asarray(squared / np.float32(pair.focal_px * pair.baseline_mm), np.float32)
+    return squared / np.float32(pair.focal_px * pair.baseline_mm)
 
 
 def _smooth(
@@ -161,5 +161,5 @@ def _smooth(
         share > MIN_WINDOW_SHARE, total / np.maximum(share, np.float32(MIN_WINDOW_SHARE)), nothing
     )
     reach = measured.reach_px + np.float32((side - 1) / 2)
-    smooth = replace(measured, parallax_px=np.asarray(mean, np.float32), reach_px=reach)
+    smooth = replace(measured, parallax_px=mean, reach_px=reach)
     return smooth, sd_px * np.float32(min(1.0, FILLING_SD_MM / sd_mm))

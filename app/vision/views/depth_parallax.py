@@ -37,7 +37,7 @@ def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> Dispa
     """
     pinhole = np.array([[depth.fx, 0.0, depth.cx], [0.0, depth.fy, depth.cy], [0.0, 0.0, 1.0]])
     (inverse,) = _on_grid(pair, pinhole @ view.rotation, [1.0 / depth.depth_mm])
-    disparity = np.asarray(pair.focal_px * pair.baseline_mm * inverse, np.float32)
+    disparity = pair.focal_px * pair.baseline_mm * inverse
     if np.linalg.norm(view.centre_mm - pair.first_centre_mm) > pair.baseline_mm / 2:
         disparity = _seen_from_first(disparity)
     scale = pair.focal_px / depth.fx  # px of the grid for one of the map
@@ -47,7 +47,7 @@ def parallax_of_depth(pair: RectifiedPair, view: View, depth: DepthMap) -> Dispa
     return DisparityMap(
         pair.parallax_from_disparity(disparity),
         np.full(pair.shape, 1.5 * scale, np.float32),
-        np.asarray(disparity * relative, np.float32),
+        disparity * relative,
         error_area_px=depth.error_area_px * scale**2,
     )
 
@@ -139,7 +139,7 @@ def _on_grid(
     u, v = np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)[:, None]
     x, y, z = (row[0] * u + row[1] * v + row[2] for row in homography)
     z = np.where(z > 0, z, np.float32(np.nan))  # of the camera's axis for one of the grid's
-    places = np.asarray(x / z, np.float32), np.asarray(y / z, np.float32)
+    places = x / z, y / z
     return [
         np.asarray(z * cv2.remap(each, *places, cv2.INTER_LINEAR, borderValue=np.nan), np.float32)
         for each in maps

@@ -149,7 +149,7 @@ def looks_alike(first: ImageArray, second: ImageArray, parallax_px: Float32Array
         for grey in (first, second)
     )
     columns = np.arange(width, dtype=np.float32) - parallax_px * np.float32(width / first.shape[1])
-    seen = np.asarray(_sample(b, columns, cv2.INTER_LINEAR), np.float32)
+    seen = _sample(b, columns, cv2.INTER_LINEAR)
     mean, mean_seen = _box(a), _box(seen)
     variance, variance_seen = _box(a * a) - mean * mean, _box(seen * seen) - mean_seen * mean_seen
     together = _box(a * seen) - mean * mean_seen

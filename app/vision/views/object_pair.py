@@ -221,7 +221,7 @@ def _on_level(view: View, ellipse: Ellipse, level_mm: float) -> _Circle:
     rays = homogeneous(undistort_to_rays(view, ellipse.points())) @ view.rotation
     centre = view.centre_mm
     cast = centre + rays * ((level_mm - centre[2]) / rays[:, 2])[:, None]
-    middle = np.asarray(cast.mean(axis=0), np.float64)
+    middle = cast.mean(axis=0)
     _, half, _ = np.linalg.svd(cast[:, :2] - middle[:2], full_matrices=False)
     flattened = float(np.log(half[0] / half[1]))
     radius_mm = float(np.linalg.norm(cast - middle, axis=1).mean())

@@ -120,11 +120,11 @@ def _doubled(across: Float64Array) -> Float64Array:
 
 
 def _unit(direction: Float64Array) -> Float64Array:
-    return np.asarray(direction / np.linalg.norm(direction), np.float64)
+    return direction / np.linalg.norm(direction)
 
 
 def _turned(direction: Float64Array, by: Float64Array) -> Float64Array:
-    return np.asarray(cv2.Rodrigues(by)[0] @ direction, np.float64)
+    return cv2.Rodrigues(by)[0] @ direction
 
 
 def _over_table(view: View, centre: Float64Array, normal: Float64Array, thick_mm: float) -> View:

@@ -29,9 +29,7 @@ class PinholeView:
     def project(self, points_table: Float64Array) -> Float64Array:
         """(n, 3) mm -> (n, 2) px."""
         in_camera = (points_table - self.centre_mm) @ self.rotation.T
-        return np.asarray(
-            self.focal_px * in_camera[:, :2] / in_camera[:, 2:] + self.middle_px, np.float64
-        )
+        return self.focal_px * in_camera[:, :2] / in_camera[:, 2:] + self.middle_px
 
     def pixel_gradient(self, points_table: Float64Array) -> Float64Array:
         """(n, 2, 3) derivative of the pixel by the point, px/mm."""

@@ -245,7 +245,7 @@ def _relative_pose(first: View, second: View) -> RigPose:
 
 def _changed(pose: RigPose, change: Float64Array) -> RigPose:
     """The pose turned by the vector change[:3], radians, and shifted by change[3:], mm."""
-    turn = np.asarray(cv2.Rodrigues(change[:3])[0], np.float64)
+    turn = cv2.Rodrigues(change[:3])[0]
     return RigPose(turn @ pose.rotation, pose.translation_mm + change[3:])
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from app.vision.board.marker import find_marker
-from app.vision.model import EstimateOptions, Hint, PhotoPair
+from app.vision.model import EstimateOptions, Hint, LikelyFood, PhotoPair
 from app.vision.pipeline import estimate_meal
 from app.vision.scene.segmentation import Region
 from app.vision.solids.measured_item import MeasuredItem, of_single_view
@@ -45,8 +45,8 @@ def hint_of(single, **facts):
 @pytest.mark.slow
 def test_form_that_a_person_names_decides_against_outline_and_candidates(pair, single):
     whole, heap, contradicted = (
-        measured(pair, hints=(hint_of(single, form=form),), forms_by_looks=candidates)
-        for form, candidates in (("whole", None), ("heap", None), ("whole", lambda _: {"heap": 1.0}))
+        measured(pair, hints=(hint_of(single, form=form),), foods_by_looks=candidates)
+        for form, candidates in (("whole", None), ("heap", None), ("whole", lambda _: [LikelyFood("heap", 1.0)]))
     )
     assert contradicted[0].volume_ml == whole[0].volume_ml
     heap_ml, whole_ml = (next(item.volume_ml for item in items if item.hint == 0) for items in (heap, whole))

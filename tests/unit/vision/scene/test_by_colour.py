@@ -65,3 +65,21 @@ def test_squares_of_a_cloth_are_no_things():
     cloth = np.where(is_red[..., None], (60, 60, 190), (225, 225, 230))
     food = disc(190, 240, 40)
     assert iou(things_on(cloth, [(food, (40, 160, 90))]), food) > 0.7
+
+
+def test_shadow_that_an_orange_colours_on_a_white_plate_is_no_part_of_it():
+    plate, orange = disc(210, 200, 100), disc(210, 200, 26)
+    cast, core = disc(228, 224, 30), disc(222, 215, 28)
+    shadow = cast & ~orange
+    foods = [
+        (plate, (228, 232, 234)),
+        (shadow, (150, 166, 176)),
+        (core & ~orange, (96, 118, 138)),
+        (orange, (30, 120, 215)),
+    ]
+    assert iou(things_on(WOOD_BGR, foods), orange) > 0.9
+
+
+def test_dark_food_on_a_white_plate_is_not_taken_for_a_shadow():
+    plate, plum = disc(210, 200, 100), disc(210, 200, 28)
+    assert iou(things_on(WOOD_BGR, [(plate, (228, 232, 234)), (plum, (52, 38, 44))]), plum) > 0.9

@@ -8,7 +8,7 @@ import pytest
 from app.vision.geometry.masks import inward_px
 from app.vision.geometry.mesh import faces_towards, sphere
 from app.vision.solids.form_fit import fit_form
-from app.vision.solids.forms import FINE
+from app.vision.solids.forms import EXACT, FINE
 from app.vision.solids.outline_snap import outline, rings_of_mask
 from app.vision.solids.seen import Seen
 from app.vision.solids.side_view import (
@@ -20,7 +20,7 @@ from app.vision.solids.side_view import (
     SideView,
     side_view,
 )
-from app.vision.solids.single_starts import HEIGHT_RATIOS, single_view_forms, upright
+from app.vision.solids.single_starts import USUAL_HEIGHTS, single_view_forms, upright, with_usual_height
 from app.vision.solids.surface_match import draw_mask
 from app.vision.views.disparity import unmatched
 from app.vision.views.rectification import rectify_alone
@@ -60,11 +60,15 @@ def from_above(solid, side=None) -> Seen:
     return Seen(SIGHT, mask, inward_px(mask), (line, None), unmatched(SIGHT.pair.shape), side=side)
 
 
-def fitted_ml(solid, side, name):
+def fitted(solid, side, name, heights=USUAL_HEIGHTS):
     seen = from_above(solid, side)
-    form = next(form for form in single_view_forms(SIGHT, seen.mask, 0.0, 0.3) if form.name == name)
-    begun = replace(upright(form), has_displacement=False, height_ratio=HEIGHT_RATIOS[name])
-    return fit_form(begun, seen, FINE).volume_ml
+    form = next(form for form in single_view_forms(SIGHT, seen.mask, 0.0, 0.3, heights) if form.name == name)
+    begun = replace(with_usual_height(upright(form), heights), has_displacement=False)
+    return fit_form(begun, seen, FINE)
+
+
+def fitted_ml(solid, side, name):
+    return fitted(solid, side, name).volume_ml
 
 
 def test_derivatives_are_those_of_the_pixel():
@@ -108,3 +112,18 @@ def test_without_the_side_the_height_is_the_usual_one():
     flat, tall = (fitted_ml(ellipsoid((40.0, 32.0, half_mm)), None, "slab") for half_mm in (8.0, 25.0))
     assert flat > 1.5 * 4 / 3 * np.pi * 40.0 * 32.0 * 8.0 / 1000
     assert tall < 0.8 * 4 / 3 * np.pi * 40.0 * 32.0 * 25.0 / 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "solid"),
+    [
+        ("ball", (40.0, 32.0, 15.0)),
+        ("slab", (40.0, 32.0, 8.0)),
+        ("lying", (60.0, 24.0, 18.0)),
+        ("ring", (40.0, 40.0, 12.0)),
+    ],
+)
+def test_food_whose_height_is_known_has_it_over_its_width_in_every_family(name, solid):
+    fit = fitted(ellipsoid(solid), None, name, {**USUAL_HEIGHTS, name: (0.3, 0.01)})
+    across = np.ptp(fit.form.vertices(fit.unknowns, EXACT), axis=0)
+    assert across[2] / np.sqrt(across[0] * across[1]) == pytest.approx(0.3, rel=0.1)
