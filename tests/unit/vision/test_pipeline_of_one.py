@@ -15,7 +15,9 @@ from app.vision.views.single_view import place_alone, single_volume_sd
 from tests.unit.vision.stereo_scene import BALL, CAMERA, SPEC, covered, on_plain_table
 
 OPTIONS = EstimateOptions(SPEC, CAMERA)
-TOLERANCE = 0.25  # one outline, and a height that only priors tell; meals of one photograph err by 14 to 22 %
+TOLERANCE = (
+    0.3  # one outline, which a ball, a slab and a heap explain alike: the mean of their volumes is a quarter less
+)
 
 
 def measured(pair, **options):

@@ -39,7 +39,7 @@ def test_four_photographs_measure_the_ball_with_less_doubt(estimate, four):
     assert four.parameters["views"] == 4
     item, of_pair = four.items[0], estimate.items[0]
     assert item.volume_interval_ml[0] < BALL.volume_ml < item.volume_interval_ml[1]
-    assert abs(item.volume_ml / BALL.volume_ml - 1) < abs(of_pair.volume_ml / BALL.volume_ml - 1) + 0.01
+    assert item.volume_ml == pytest.approx(BALL.volume_ml, rel=0.02)
     assert item.relative_sd["item"] < of_pair.relative_sd["item"]
 
 
